@@ -1,7 +1,7 @@
-"""Draw known anomalies, each in a frame that shows it: python benchmarks/anomalies.py OUT.png
+"""Draw known anomalies of tracking, each in a frame that shows it: python benchmarks/anomalies.py OUT.png
 
-White is the result, green the truth or, on real depth, the labels by eye. Kept results of the runner are used; other
-recordings are tracked now.
+The result is white; the truth or, on real depth, the labels by eye are green. Results that ``run.py`` has kept are
+used; recordings without kept results are tracked now.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 class Anomaly(NamedTuple):
-    """recording: its name in the suites; frame: which to draw; title: what is wrong."""
+    """An anomaly. recording: its recording's name in the suites; frame: number of the frame to draw; title: fault."""
 
     recording: str
     frame: int

@@ -1,4 +1,4 @@
-"""The measured blocks of README and docs: what each asks for, and how a page gets its content.
+"""Read the measured blocks of README and docs, and write new contents into the blocks of a page.
 
     <!-- measured: easy --use held-out --columns mean_mm lost -->    the rows of a suite, and a few of its columns
     <!-- measured: benchmarks/events.py -->                           the Markdown that a script prints
@@ -7,7 +7,8 @@
     ...
     <!-- end -->
 
-``python benchmarks/run.py --docs`` measures and rewrites all but the last kind. A content ends with its origin.
+``python benchmarks/run.py --docs`` measures and rewrites all kinds of blocks but the last. A block ends with the origin
+of its figures: commit, date and machine.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ BLOCK: Final = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What has to be measured. name: a suite, or a script, which is told by its ending; options: of a script."""
+    """A measurement that a block needs. name: of a suite, or of a script, which ends in .py; options: of a script."""
 
     name: str
     use: Use = "tuning"
@@ -45,7 +46,7 @@ class Wanted:
 
     @property
     def command(self) -> str:
-        """What a reader types to measure it."""
+        """Return the command with which a reader measures it."""
         if self.is_script:
             return shlex.join(["python", self.name, *self.options])
         use = () if self.use == "tuning" else ("--use", self.use)
@@ -54,7 +55,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A block of a page. once: only ever written by hand; words: of its comment; content: what stands in it now."""
+    """A block of a page. once: written by hand only; words: of its comment; content: its present content."""
 
     once: bool
     words: str
@@ -63,7 +64,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What a block asks for. columns: of a suite's table; rows: how their names begin. Empty means all."""
+    """The table that a block asks for. columns: column names; rows: beginnings of row names. Empty means all."""
 
     wanted: Wanted
     columns: tuple[str, ...] = ()
@@ -92,7 +93,7 @@ def blocks_in(text: str) -> list[Block]:
 
 def table_of(block: Block) -> Table | None:
     """Return the table that a block of a page asks for; None if it asks for the headline figures. Raises ValueError for
-    other words.
+    words that are not understood.
     """
     name, *options = shlex.split(block.words)
     if name == HEADLINES and not options:
@@ -104,7 +105,7 @@ def table_of(block: Block) -> Table | None:
 
 
 def with_contents(text: str, content_of: Callable[[Block], str | None]) -> str:
-    """Return a page with new contents; None keeps the old one."""
+    """Return a page with new contents of its blocks; where ``content_of`` returns None, the old content stays."""
 
     def replaced(found: re.Match[str]) -> str:
         block = Block(bool(found["once"]), found["words"], found["content"])

@@ -1,7 +1,8 @@
-"""A real body that no model drew: its captured surface, drawn by the simulator's cameras and sensors in an empty room.
+"""Render the captured surface of a real body (not of a body model) with the simulator's cameras and sensors.
 
-The file has the same vertices in every frame, ``vertices_tenth_mm`` (t, v, 3) int16, X the way the person faces, Y up,
-and ``faces`` (f, 3) wound outwards. It does not state its rate.
+The surface stands in an empty room. Its file has ``vertices_tenth_mm`` (t, v, 3) int16, the same vertices in every
+frame, X in the direction that the person faces, Y up; and ``faces`` (f, 3), wound outwards. The file does not state its
+frame rate.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from anchorpose.simulate.shoot import Studio, set_up
 
 SURFACE: Final = DATA / "foreign_bodies" / "samba.npz"
 SEED: Final = 71000  # of the room, the cameras' places and the sensors' noise
-RATE_HZ: Final = 30.0  # assumed
+RATE_HZ: Final = 30.0  # assumed, since the file does not state it
 
 
 @dataclass(frozen=True, slots=True)
 class CapturedBody:
-    """The surface as one or three cameras see it, whose poses are given. Its truth is the surface: skin_m (t, v, 3),
-    the lowest vertex on the floor, and faces (f, 3)."""
+    """A recording of the surface by one or three cameras whose poses are given. Its truth is the surface: skin_m
+    (t, v, 3), the lowest vertex on the floor, and faces (f, 3)."""
 
     cameras: int
 
@@ -55,7 +56,7 @@ class CapturedBody:
         no_parts, seconds = np.zeros(len(faces), np.uint8), len(skin_m) / RATE_HZ
         empty = SimulationConfig(
             seed=SEED, seconds=seconds, fps=RATE_HZ, cameras=self.cameras, equipment="none", stool=False, therapists=0
-        )  # the person whom the simulator would have drawn stays out
+        )  # the simulator's own patient is not rendered
         figures = [Figure(frame_m, faces, no_parts, PATIENT) for frame_m in skin_m]
         _record(folder / "recording", set_up(draw_clinic(empty)), figures)
 

@@ -1,4 +1,4 @@
-"""Measure what the pages ask for, and write it into them: ``run.py --docs``."""
+"""Measure the figures that README and docs ask for, and write them into these pages: ``run.py --docs``."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ PAGES: Final = (
 
 
 def fill(pages: Sequence[str], cache: Path, measure: Callable[[Wanted], Rows] | None) -> None:
-    """Measure what the pages ask for, the cheapest first, and write it into them after each measurement; None: only
-    write what is kept.
+    """Measure what the blocks of the pages ask for, the cheapest first, and fill the blocks after each measurement.
 
-    What was measured with this commit is not measured again. Raises SystemExit, once all that can be written is, with
-    the blocks that cannot.
+    measure: None to write only kept measurements. A measurement of this commit is not repeated. Raises SystemExit at
+    the end, with the measurements that failed and the blocks that could not be written.
     """
     if unknown := set(pages) - set(PAGES):
         raise SystemExit(f"--docs: no page {', '.join(sorted(unknown))}; name README.md or one below docs.")
@@ -39,7 +38,7 @@ def fill(pages: Sequence[str], cache: Path, measure: Callable[[Wanted], Rows] | 
 def _measure_all(
     wanted: Sequence[Wanted], pages: Sequence[str], cache: Path, measure: Callable[[Wanted], Rows]
 ) -> list[str]:
-    """Measure one after another; return a sentence for each that failed, after which the others go on."""
+    """Measure one table after another, also after a failure; return a sentence for each measurement that failed."""
     commit, faults = commit_of_code(), list[str]()
     left = [one for one in wanted if not is_kept(one, commit, cache)]
     for number, one in enumerate(left):
@@ -58,7 +57,7 @@ def _measure_all(
 
 
 def _minutes(wanted: Wanted) -> tuple[int, str]:
-    """Return about how many processor minutes it takes, and its command, for an order."""
+    """Return a sort key: the approximate processor minutes of a measurement, and its command."""
     suite = SUITES.get(wanted.name)
     return (0 if suite is None or wanted.quick else suite.minutes), wanted.command
 
@@ -68,12 +67,12 @@ def _text_of(page: str) -> str:
 
 
 def wanted_of(text: str) -> list[Wanted]:
-    """Return what the blocks of a page ask for. Raises ValueError for words without a meaning."""
+    """Return the measurements that the blocks of a page need. Raises ValueError for words that are not understood."""
     return [wanted for block in blocks_in(text) if not block.once for wanted in wanted_by(table_of(block))]
 
 
 def wanted_by(asked: Table | None) -> tuple[Wanted, ...]:
-    """Return what a block asks for; None is the headlines."""
+    """Return the measurements that a block needs. asked: its table, None for the headline figures."""
     return tuple(dict.fromkeys(one.wanted for one in HEADLINES)) if asked is None else (asked.wanted,)
 
 
@@ -83,7 +82,7 @@ def _printed(script: Wanted) -> str:
 
 
 def write_pages(pages: Sequence[str], cache: Path) -> list[str]:
-    """Write what is kept into the pages; return a sentence for each block that stays as it is."""
+    """Write the kept measurements into the pages; return a sentence for each block that cannot be written."""
     faults = list[str]()
 
     def content_of(block: Block) -> str | None:
@@ -102,7 +101,7 @@ def write_pages(pages: Sequence[str], cache: Path) -> list[str]:
 
 
 def content(asked: Table | None, cache: Path) -> str:
-    """Return what a block holds. Raises KeyError where something was not measured."""
+    """Return the content of a block: table and origins. Raises KeyError if a measurement for the block is absent."""
     measured = dict[Wanted, Measurement]()
     for wanted in wanted_by(asked):
         kept = kept_of(wanted, cache)
@@ -122,7 +121,7 @@ def _shown(asked: Table | None, measured: Mapping[Wanted, Measurement]) -> str:
 
 
 def _origins(measured: Mapping[Wanted, Measurement]) -> str:
-    """Return a line per origin, with the commands that have it."""
+    """Return a line per origin, with the commands whose measurements have this origin."""
     commands = dict[Origin, list[str]]()
     for wanted, one in measured.items():
         commands.setdefault(one.origin, []).append(f"`{wanted.command}`")

@@ -1,7 +1,8 @@
-"""How well events are found in made-up joints with errors like tracked ones: python benchmarks/events.py
+"""Test how well events are found in artificial joints with errors like those of tracking: python benchmarks/events.py
 
 Prints, per kind of event, how many were found with the onset within 0.1 s, how far off the onset is, and how often the
-depth is within 1.96 of its sigma; then the false events of people to whom nothing happens. Takes some minutes.
+depth is within 1.96 sigma of the true depth; then how many events are found in people to whom nothing happens. Takes
+some minutes.
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ Truth = list[tuple[float, float]]
 
 
 def found_events(joints: JointTable, kinds: tuple[str, ...]) -> list[Episode]:
-    """The events of these kinds."""
+    """Return the events of these kinds that are found in the joints."""
     return [episode for episode in measured(joints)[0].episodes if episode.kind in kinds]
 
 
 def buckles() -> Iterator[tuple[JointTable, Truth]]:
-    """Sessions with six buckles each."""
+    """Yield sessions with six buckles of a knee each."""
     for sigma_m, (depth_deg, fall_s), seed in product((0.003, 0.006, 0.010), ((25, 0.45), (30, 0.3), (60, 0.2)), SEEDS):
         onsets_s = 3.0 + 5.0 * np.arange(6) + np.random.default_rng(seed).uniform(0.0, 1.0, 6)
         truth = [(onset_s, float(depth_deg)) for onset_s in onsets_s.tolist()]
@@ -48,7 +49,7 @@ def buckles() -> Iterator[tuple[JointTable, Truth]]:
 
 
 def failed_stands() -> Iterator[tuple[JointTable, Truth]]:
-    """Sessions with six failed stands each."""
+    """Yield sessions with six failed stands each."""
     for sigma_m, lowest_deg, seed in product((0.006, 0.015), (60.0, 50.0, 45.0), SEEDS):
         thigh_deg, onsets_s = rising([lowest_deg] * 6)
         joints_m = squatting_joints(thigh_deg)
@@ -58,7 +59,7 @@ def failed_stands() -> Iterator[tuple[JointTable, Truth]]:
 
 
 def recovery_steps() -> Iterator[tuple[JointTable, Truth]]:
-    """Sessions with four recovery steps each; the truth is that of the exact joints."""
+    """Yield sessions with four recovery steps each; their truth is found in the joints without errors."""
     ways = (((1.0, 0.0), 0.3), ((0.0, -1.0), 0.2), ((-1.0, 0.0), 0.15))
     for (way, body_m), sigma_m in product(ways, (0.006, 0.012)):
         joints_m = falling(36.0, [4.0, 12.0, 20.0, 28.0], way, body_m)
@@ -82,7 +83,7 @@ def row(title: str, kind: str, sessions: Iterator[tuple[JointTable, Truth]]) -> 
 
 
 def simulated(seed: int, motions: tuple[str, ...], speed: str, seconds: float) -> np.ndarray:
-    """Joints (n, 21, 3) of a simulated patient."""
+    """Return the joints (n, 21, 3) of a simulated patient."""
     rng, time_s = np.random.default_rng(seed), np.arange(0.0, seconds, 1.0 / HZ)
     config = replace(single(seed, seconds=seconds, fps=HZ), motions=motions, speed=speed)
     person = draw_person(rng, 0.0)

@@ -1,16 +1,16 @@
-"""Damaged input of every kind: what becomes of each case.
+"""Test what becomes of damaged input of every kind.
 
     .venv/bin/python benchmarks/fuzz.py [recordings | READER]... [--cases 10000] [--first NUMBER] [--state FOLDER]
 
 recordings: a small recording folder with damaged bytes, extreme or foreign values, pipes, devices and links in place of
-files, times of other units, images and meshes with false sizes, thousands of cameras; it is opened, and all is read
-that a run reads first. READER: a file of a format that ``convert`` reads, with flipped bits, cut, zeroed, a piece
-doubled or taken out, lengths exchanged; it is converted.
+files, times of other units, images and meshes with false sizes, thousands of cameras. The folder is opened, and all
+that a run reads first is read. READER: a file of a format that ``convert`` reads, with flipped bits, cut, zeroed, with
+a piece doubled or taken out, or with lengths exchanged. The file is converted.
 
-Counted are inputs that are read, refusals in one sentence, and faults, each with the number of its case, which --first
-repeats: another error, a crash of native code, too much time or memory, a folder left half-written, an image that
-cannot be read or, from a file that was only cut, one that was not recorded. With --state, a run that was stopped goes
-on where it ended, and counts add up.
+The program counts inputs that are read, refusals in one sentence, and faults. A fault is another error, a crash of
+native code, too much time or memory, a folder left half-written, an image that cannot be read, or an image that was not
+recorded, from a file that was only cut. Each fault is printed with the number of its case; --first repeats this case.
+With --state, a run that was stopped goes on where it ended, and its counts add up.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.reader import input_files, open_recording, read_frames
 from anchorpose.recording.recording import find_gaps
 
-BY_THE_CLOCK = 20  # times the limit of processor time, since other programs may have the processor
+BY_THE_CLOCK = 20  # limit by the clock, times that of processor time: other programs may run
 SAVED_EVERY: Final = 500  # cases
 RECORDINGS: Final = "recordings"
 
@@ -57,13 +57,13 @@ class State:
     largest_mb: float = 0.0
 
     def save(self, path: Path) -> None:
-        """Write the file whole or not at all."""
+        """Write the state to a file, completely or not at all."""
         partial_file = path.with_suffix(".partial")
         partial_file.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
         partial_file.replace(path)
 
     def describe(self) -> str:
-        """Return faults, counts and what the worst case cost."""
+        """Return as text the faults, the counts, and the longest time and largest memory."""
         tried = self.read + self.refused + len(self.faults)
         counts = f"{tried} cases: {self.read} read, {self.refused} refused, {len(self.faults)} faults"
         return "\n".join([*self.faults, f"{counts}; longest {self.longest_s:.2f} s, {self.largest_mb:.0f} MB"])
@@ -75,7 +75,7 @@ def load_state(path: Path) -> State:
 
 
 class Fuzzer(Protocol):
-    """One kind of input. longest_s, most_bytes: of the processor and of memory for one case."""
+    """One kind of input. longest_s, most_bytes: limits of processor time and of memory for one case."""
 
     longest_s: int
     most_bytes: int
@@ -129,13 +129,13 @@ def recording_outcome(folder: Path) -> str:
 
 
 def limit_time(seconds: int) -> None:
-    """End the process after so much processor time, or where it waits much longer; 0: it may go on."""
+    """End the process after ``seconds`` of processor time, or after much longer by the clock; 0 ends the limits."""
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.alarm(BY_THE_CLOCK * seconds)
 
 
 def name_place_of_death() -> None:
-    """Print where a process is that ends by ``limit_time`` or a crash, also within native code."""
+    """Make a process that ``limit_time`` or a crash ends print where it was, also within native code."""
     faulthandler.enable()
     for number in (signal.SIGALRM, signal.SIGPROF):
         faulthandler.register(number, chain=True)
@@ -169,7 +169,7 @@ def run_cases(fuzzer: Fuzzer, stop: int, folder: Path, path: Path) -> None:
 
 
 def run_apart(kind: str, path: Path, stop: int) -> State:
-    """Try all cases in processes of their own: one that crashes or hangs ends at its case, which is a fault."""
+    """Try all cases in separate processes: if one crashes or hangs, its case is a fault, and the next one goes on."""
     with tempfile.TemporaryDirectory() as folder:
         number_file = Path(folder) / "number"
         number_file.write_text("")
@@ -182,7 +182,7 @@ def run_apart(kind: str, path: Path, stop: int) -> State:
             if code:
                 state = load_state(path)
                 state.faults.append(f"case {number} ({ways}): the process ended with {code}")
-                state.next = int(number) + 1  # what it did since the state was last saved is not counted
+                state.next = int(number) + 1  # cases since the state was last saved are not counted
                 state.save(path)
     return load_state(path)
 

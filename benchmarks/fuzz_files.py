@@ -1,4 +1,4 @@
-"""Damaged files of every format that ``convert`` reads, for ``fuzz``."""
+"""Make and convert damaged files of every format that ``convert`` reads, for ``fuzz.py``."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ Make = Callable[[Path], None]
 
 
 class Fault(Exception):
-    """What must not become of an input."""
+    """An outcome that damaged input must not have."""
 
 
 def require(right: bool, otherwise: str) -> None:
-    """Raise Fault unless it is right."""
+    """Raise Fault with the text ``otherwise`` unless ``right``."""
     if not right:
         raise Fault(otherwise)
 
 
 @dataclass
 class Files:
-    """Files of one recorder's format. whole: all images of the file, where it was only cut."""
+    """Files of one recorder's format. whole: all images of the undamaged file, if it was only cut; otherwise None."""
 
     folder: Path
     name: str
@@ -50,7 +50,7 @@ class Files:
     whole: list[bytes] | None = None
 
     def __post_init__(self) -> None:
-        convert_module.one_thread = nullcontext  # to find the libraries takes longer than so small a conversion
+        convert_module.one_thread = nullcontext  # finding the libraries takes longer than such a small conversion
         self.good, self.bad, self.out = (self.folder / name for name in ("good", "bad", "out"))
         for leftover in (self.good, self.out):
             shutil.rmtree(leftover, ignore_errors=True)
@@ -110,7 +110,7 @@ def _place(content: bytearray, chance: random.Random) -> int:
 
 
 def converted(path: Path, out: Path) -> Converted:
-    """Convert with the values that the damaged file may lack."""
+    """Convert a file, with options for the values that a damaged file may lack."""
     cameras = open_source(path).cameras
     options = ConvertOptions(
         intrinsics=sources_builder.LENS if any(camera.intrinsics is None for camera in cameras) else None,
@@ -121,7 +121,7 @@ def converted(path: Path, out: Path) -> Converted:
 
 
 def depth_images(recording: Path) -> list[bytes]:
-    """Return the grey values of all images of a recording that opens, or is refused only since its images are noise."""
+    """Return the grey values of all images. The recording must open, or be refused only since its images are noise."""
     try:
         open_recording(recording)
     except InputError as error:
@@ -131,7 +131,7 @@ def depth_images(recording: Path) -> list[bytes]:
 
 
 def file_outcome(path: Path, out: Path, whole: list[bytes] | None) -> str:
-    """Convert a file; whole: all images, of a file that was only cut."""
+    """Convert a file; return the outcome or raise Fault. whole: images before the damage, if the file was only cut."""
     try:
         done = converted(path, out)
     except InputError as error:
@@ -146,7 +146,7 @@ def file_outcome(path: Path, out: Path, whole: list[bytes] | None) -> str:
 
 
 def readers() -> dict[str, Make]:
-    """Return what writes a whole file of each format, by name."""
+    """Return for each format, by name, the function that writes an undamaged file."""
     import azure_builder
     import bags_builder
     import scipy.io

@@ -1,4 +1,4 @@
-"""The README's table: one row per situation, each with what its recordings were compared with."""
+"""Make the README's table: a row for each situation, which also states what the recordings were compared with."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Rows = Mapping[str, Measured]
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """A row. rows: how the names of the suite's rows begin; figure: of the scores of each of these rows, in words."""
+    """A row. rows: beginning of the names of the suite's rows to use; figure: returns words from their scores."""
 
     situation: str
     compared: str
@@ -71,7 +71,7 @@ HEADLINES: Final = (
 
 
 def headline_table(measured: Mapping[Wanted, Rows]) -> str:
-    """Return Markdown. Raises KeyError for a row that was not measured."""
+    """Return the table as Markdown. Raises KeyError for a row that was not measured."""
     lines = ["| situation | compared with | |", "|---|---|--:|"]
     for one in HEADLINES:
         rows = [scores for name, scores in measured[one.wanted].items() if name.startswith(one.rows)]

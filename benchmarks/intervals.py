@@ -1,4 +1,4 @@
-"""Intervals of shares and of paired differences."""
+"""Compute intervals of shares and of paired differences."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """The 95 % score interval of a share. Source: Wilson 1927 (doi:10.1080/01621459.1927.10502953)."""
+    """Return the 95 % score interval of a share. Source: Wilson 1927 (doi:10.1080/01621459.1927.10502953)."""
     if not 0 <= successes <= trials or trials == 0:
         raise ValueError(f"{successes} of {trials} is no share")
     share, z2 = successes / trials, NORMAL_95**2
@@ -23,7 +23,7 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedDifference:
-    """Mean of n differences and its 95 % interval; low and high are None where one pair allows no interval."""
+    """Mean of n differences and its 95 % interval; low and high are None if n is 1."""
 
     pairs: int
     mean: float
@@ -32,7 +32,7 @@ class PairedDifference:
 
 
 def paired_difference(one: Sequence[float], other: Sequence[float]) -> PairedDifference | None:
-    """``one`` minus ``other``, pair by pair, with Student's t interval; None without a pair.
+    """Return the mean of ``one`` minus ``other``, pair by pair, with Student's t interval; None without a pair.
 
     A pair in which either value is NaN is left out.
     """

@@ -1,11 +1,11 @@
-"""Make the contacts with people of kept results again with this code, without tracking: seconds instead of minutes.
+"""Find contacts with people again in kept results, with this code but without tracking: seconds instead of minutes.
 
     python benchmarks/kept_contacts.py NAME... [--cache FOLDER]
 
-NAME: recordings of the suites ``easy`` and ``hard``, as they are named in the cache. Of each, the newest results whose
-depth images are those of a recording in the cache are taken. Poses, person labels and depth images are read from there,
-every second frame. Results do not have the offsets of the skin's patches, so these contacts are less exact than those
-found during tracking. The memory of skin that went out of sight is made again from the labels.
+NAME: recordings of the suites ``easy`` and ``hard``, as they are named in the cache. For each recording, the newest
+results are taken whose depth images are in the cache. Poses, person labels and depth images are read for every second
+frame. Results do not have the offsets of the skin's patches, so these contacts are less exact than those found during
+tracking. The memory of skin that went out of sight is computed again from the labels.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from anchorpose.results.tables import POSES_FILE, PoseTable, read_poses
 from anchorpose.results.truth import TrueTouch, read_true_touch
 
 EVERY: Final = 2  # frames
-FIRST: Final = 15  # frames that are not scored, a second: tracking may settle
+FIRST: Final = 15  # number of frames at the start (a second) that are not scored: tracking may settle
 UNKNOWN_SENSOR: Final = Sensor(edge_px=2.0, focal_px=365.0, noise_per_m=0.0, noise=neighbour_noise(0.0))  # not read
 
 
 def kept(cache: Path, name: str) -> tuple[Path, Path]:
-    """Return the newest results of a recording, and the recording; raises SystemExit where there are none."""
+    """Return the newest results of a recording, and the recording. Raises SystemExit if the cache has none."""
     found = sorted(cache.glob(f"results/{name}-*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime, reverse=True)
     for results in (path.parent for path in found if path.parent.name.rsplit("-", 1)[0] == name):
         sums = read_run(results / RUN_FILE)["inputs_sha256"]
@@ -64,7 +64,7 @@ def _sha256(path: Path) -> str:
 
 
 def truth_of(cache: Path, name: str, recording: Path) -> Path:
-    """Return the truth of a recording, or of the one that it shows by its front camera."""
+    """Return the truth of a recording; for one by the front camera alone, that of the whole recording."""
     image = next(iter(sorted((recording / "front" / "depth").glob("*.png"))))
     for folder in cache.glob(f"recordings/{name.removesuffix('-front')}-*/truth"):
         same = folder.parent / "recording" / "front" / "depth" / image.name
@@ -99,7 +99,7 @@ def posed_skin(body: Body, poses: PoseTable, row: int) -> PosedPoints | None:
 
 
 def people_pixels(view: View, camera: Camera) -> Pieces:
-    """Return the pixels of people as isolation has them, for the memory."""
+    """Return the pixels of people in the form that isolation and the bystander memory use."""
     row, column = np.nonzero((view.labels >= PixelLabel.PATIENT) & (view.depth_m > 0))
     index = np.full(view.labels.shape, -1, np.int32)
     index[row, column] = np.arange(len(row))
@@ -112,7 +112,7 @@ def people_pixels(view: View, camera: Camera) -> Pieces:
 
 
 def nearness(results: Path, recording: Path) -> Iterator[tuple[int, float, Nearness | None]]:
-    """Yield number, time and how near others are to the patient, of every second frame."""
+    """Yield, for every second frame, its number, its time, and how near other people are to the patient."""
     run, opened = read_run(results / RUN_FILE), open_recording(recording)
     pose_of = {one["name"]: np.array(one["camera_to_world"]) for one in run["cameras"]}
     cameras = [replace(camera, T_world_camera=pose_of[camera.name]) for camera in opened.cameras]

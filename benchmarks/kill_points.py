@@ -1,9 +1,9 @@
-"""A run that is killed at random and goes on: python benchmarks/kill_points.py RECORDING --kills 100 [--smooth].
+"""Kill a run at random and let it go on: python benchmarks/kill_points.py RECORDING --kills 100 [--smooth].
 
 The recording is tracked once without a break. Then it is tracked by processes that are killed (SIGKILL) after a random
-time, until that many were; one more goes on to the end. All tables, pictures and run.json (but for its timings) must
-be the same, byte by byte; the log and the report state when they were made. Where a run ends before it is killed, the
-next one begins another.
+time, until --kills processes were killed; one more process goes on to the end. All tables, pictures and run.json
+(except its timings) must be the same as without a break, byte by byte. The log and the report are not compared, since
+they state when they were made. If a run ends before it is killed, the next process begins another run.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--block", type=int, default=passes.BLOCK, help="frames stored at once: few of a short one")
     options = parser.parse_args()
-    passes.BLOCK = options.block  # type: ignore[misc]  # children are forked, and have it, too
+    passes.BLOCK = options.block  # type: ignore[misc]  # forked processes also have this value
     config = replace(TrackConfig(), smooth=options.smooth, stop=options.stop)
     with TemporaryDirectory() as work:
         whole, killed = Path(work) / "whole", Path(work) / "killed"
@@ -69,7 +69,7 @@ def _track(recording: Path, results: Path, config: TrackConfig) -> None:
 
 
 def _killed_after(seconds: float, recording: Path, results: Path, config: TrackConfig) -> bool:
-    """Track in a process; return whether it was killed, and did not end before."""
+    """Track in a process, and kill it after some seconds; return False if it ended before it was killed."""
     child = os.fork()
     if child == 0:
         _track(recording, results, config)

@@ -1,9 +1,9 @@
-"""Print the page of limits: what each scene class needs, what its kernels take alone, what the program takes.
+"""Print a table of limits: per scene class, operations per frame, time of the kernels alone, time of the program.
 
     python benchmarks/limits.py [NAME ...]        (NAME: the beginning of a class of suite ``speed``; by default all)
 
-Run it on an idle machine. The ratio holds on any: kernels and program are timed in one process, on one thread. The
-table goes to the output, the longest kernels of each class to the error output.
+Run it on an idle machine. The ratio of both times holds on any machine, since kernels and program are timed in one
+process, on one thread. The table goes to the output, the longest kernels of each class to the error output.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from work import Kernel, Work, work_of
 from anchorpose.errors import AnchorposeError
 from anchorpose.tracker.config import TrackConfig
 
-SHOWN = 8  # kernels of each class, the longest
+SHOWN = 8  # number of kernels listed per class, the longest
 
 
 def main() -> None:

@@ -4,9 +4,9 @@
 
 The tables of a short recording are repeated, with increasing frame numbers and times, until they have as many frames as
 an hour of three cameras at 30 Hz; run.json is extended to as many depth images. Every command that reads results then
-runs as a process of its own on a fresh copy. The table has its peak memory (resident set) and its seconds. With several
-lengths for ``--frames``, the table shows what grows. The viewer is started, and asked for what its page fetches before
-it is drawn.
+runs as a process of its own on a fresh copy. The table has each command's peak memory (resident set) and its seconds;
+with several lengths for ``--frames``, it shows what grows with the length. The viewer is started and answers the
+requests that its page makes before it draws.
 """
 
 from __future__ import annotations
@@ -42,21 +42,23 @@ class Cost:
 
 
 def repeat_measures(results: Path, out: Path) -> Cost:
-    """``anchorpose reliability`` of three subjects with two sessions each."""
+    """Return the cost of ``anchorpose reliability`` for three subjects with two sessions each."""
     rows = [f"{subject},{session},{results.resolve()}" for subject in "abc" for session in (1, 2)]
     (out / "sessions.csv").write_text("\n".join(["subject,session,results", *rows]) + "\n", encoding="utf-8")
     return run_verb("reliability", str(out / "sessions.csv"))
 
 
 def run_verb(*arguments: str) -> Cost:
-    """A verb as a process of its own; raises RuntimeError where it fails."""
+    """Run a command of anchorpose as a process of its own; return its cost. Raises RuntimeError if it fails."""
     began = time.perf_counter()
     with subprocess.Popen([sys.executable, "-c", VERB, *arguments], stdout=subprocess.DEVNULL) as child:
         return _ended(child, began, " ".join(arguments[:1]))
 
 
 def open_view(results: Path) -> Cost:
-    """``anchorpose view`` until it has answered what its page asks for before it draws; seconds to that moment."""
+    """Start ``anchorpose view``, make the requests that its page makes before it draws; return the cost, with seconds
+    until then.
+    """
     began = time.perf_counter()
     command = [sys.executable, "-c", VERB, "view", str(results), "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
@@ -80,7 +82,7 @@ def _ended(child: Any, began: float, name: str) -> Cost:
 
 
 def verbs(results: Path, truth: Path | None, out: Path) -> dict[str, Callable[[], Cost]]:
-    """What is measured, by name; ``measure`` first, so that the others read what it wrote."""
+    """Return the commands to measure, by name; ``measure`` is first, since other commands read what it wrote."""
     folder, page = str(results), str(out / "comparison.html")
     return {
         "measure": lambda: run_verb("measure", folder),
@@ -101,7 +103,7 @@ def verbs(results: Path, truth: Path | None, out: Path) -> dict[str, Callable[[]
 
 
 def main() -> None:
-    """Makes the results, runs every verb and prints a table."""
+    """Make the long results, run every command on them and print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, help="results of a short recording")
     parser.add_argument("--truth", type=Path, help="its truth.npz, for evaluate")

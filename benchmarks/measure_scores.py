@@ -1,7 +1,8 @@
-"""Clinical measures, angles and centre of mass of the tracked joints, against the same formulas on the true joints.
+"""Compare clinical measures, angles and centre of mass of the tracked joints with those of the true joints.
 
-What is judged is what tracking adds, and its uncertainty; the formulas themselves are judged by the tests. in_band: the
-difference is within 1.96 sigma; a count, which has no sigma, must be equal. one_refuses: one of the two has a value.
+The same formulas are used for both, so the scores judge the errors of tracking and the stated sigma; the formulas
+themselves are judged by the tests. in_band: the difference is within 1.96 sigma; a count, which has no sigma, must be
+equal. one_refuses: only one of both, the tracked or the true joints, gives a value.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ CLINICAL: Final = (
     "step_time_mean",
     "step_length_mean",
 )
-"""Ends of the names of the measures that get rows of their own."""
+"""Endings of the names of measures that get rows of their own."""
 
 SHARES: Final = ("in_band", "one_refuses")
 
-SKIP_S: Final = 1.0  # at the start, in which tracking may settle
-LEAST_FRAMES: Final = 6  # in which an angle is known, for its error to count
+SKIP_S: Final = 1.0  # s at the start that are not scored: tracking may settle
+LEAST_FRAMES: Final = 6  # minimum number of frames in which an angle is known, for its error to count
 
 
 def measures_against_truth(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield the scores of each measure, of swings, of each angle, left and right apart, and of the centre of mass."""
+    """Yield the scores of each measure, of swings, of each angle (each side separately), and of the centre of mass."""
     assert ready.truth is not None
     found, true = joint_pair(results, ready.truth)
     (ours, rows), (theirs, exact) = (
@@ -52,7 +53,7 @@ def measures_against_truth(ready: Ready, results: Path) -> Iterator[tuple[str, S
         scores = compare(row, known)
         if row.measure.endswith(CLINICAL):
             yield f"{row.measure}, {row.unit}", scores
-        elif row.sigma and row.frames == known.frames:  # a lost joint that ends a bout changes what is measured
+        elif row.sigma and row.frames == known.frames:  # if a lost joint ends a bout, the values are not comparable
             yield "other measures", {name: value for name, value in scores.items() if name in SHARES}
     yield "swings", compare_swings(ours.episodes, theirs.episodes)
     yield from _angle_scores(found, true)
@@ -70,7 +71,7 @@ def joint_pair(results: Path, truth: Path) -> tuple[JointTable, JointTable]:
 
 
 def compare(found: Measure, true: Measure) -> Scores:
-    """Score one measure; empty where neither has a value."""
+    """Score one measure; return no scores if neither ``found`` nor ``true`` has a value."""
     if found.value is None and true.value is None:
         return {}
     if found.value is None or true.value is None:
@@ -80,7 +81,7 @@ def compare(found: Measure, true: Measure) -> Scores:
 
 
 def compare_swings(found: Sequence[Episode], true: Sequence[Episode]) -> Scores:
-    """Pair each true swing with the first tracked one of the same foot that overlaps it and has not been taken."""
+    """Pair each true swing with the first unpaired tracked swing of the same foot that overlaps it; score the pairs."""
     late_s, left, missed = [], [one for one in found if one.kind in (STEP_LEFT, STEP_RIGHT)], 0
     for swing in (one for one in true if one.kind in (STEP_LEFT, STEP_RIGHT)):
         same = [
@@ -112,7 +113,7 @@ def _angle_scores(found: JointTable, true: JointTable) -> Iterator[tuple[str, Sc
 
 
 def _mass_scores(found: JointTable, true: JointTable) -> Scores:
-    """Score the centre of mass in mm: length of the mean error, and the share of axes in band."""
+    """Score the centre of mass: length of the mean error in mm, and share of axes on which the error is in band."""
     ours = centre_of_mass(found)
     error_mm = 1e3 * (ours.position_m - centre_of_mass(true).position_m)
     known = np.isfinite(error_mm).all(axis=1)

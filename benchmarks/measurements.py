@@ -1,4 +1,4 @@
-"""What was measured, kept with its origin until it is measured again."""
+"""Keep measurements with their origins until they are made again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Rows = dict[str, list[dict[str, float]]]
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where figures come from. commit: the last that changed the program or its benchmarks; date: of the day, UTC."""
+    """Where figures come from. commit: the last commit that changed the program or its benchmarks; date: day, UTC."""
 
     commit: str
     date: str
@@ -49,20 +49,20 @@ def origin_of_now(commit: str) -> Origin:
 
 
 def keep(wanted: Wanted, measurement: Measurement, cache: Path) -> None:
-    """Store a measurement in the place of the last one."""
+    """Store a measurement in place of the last measurement by the same command."""
     file = _file_of(wanted, cache)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(asdict(measurement), indent=1), encoding="utf-8")
 
 
 def kept_of(wanted: Wanted, cache: Path) -> Measurement | None:
-    """Return the last measurement; None without one."""
+    """Return the last kept measurement; None without one."""
     file = _file_of(wanted, cache)
     return STORED.validate_json(file.read_bytes()) if file.is_file() else None
 
 
 def is_kept(wanted: Wanted, commit: str, cache: Path) -> bool:
-    """Return whether the last measurement is of a commit."""
+    """Return whether the last kept measurement was made with this commit."""
     kept = kept_of(wanted, cache)
     return kept is not None and kept.origin.commit == commit
 

@@ -1,4 +1,4 @@
-"""Run a probe in a process of its own, under the version that is measured, and keep its answer."""
+"""Run a probe in a process of its own, with the version of the code that is measured, and keep its answer."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def run_probe(probe: Probe, ready: Ready, version: Version, cache: Path, again: 
 
 
 def script_of(probe: Probe, version: Version) -> Path:
-    """Return the version's own script, since inner parts change; this tree's where the version has none."""
+    """Return the version's own script, since internal modules change; if absent, the script of this working tree."""
     own, this = (root / PROBES / f"{probe.script}.py" for root in (version.root, REPOSITORY))
     return own if own.is_file() else this
 
 
 def _run(command: list[str], version: Version, out: Path) -> None:
-    """Write ``out`` when the probe has answered."""
+    """Run the command of a probe; ``out`` appears only when the probe has answered."""
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_suffix(f".{os.getpid()}.work")
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(version.source)}

@@ -1,4 +1,4 @@
-"""Real depth: labels by eye, and an inertial sensor on the thigh. The same recordings serve both uses."""
+"""Suites of real depth, with labels by eye or an inertial sensor on the thigh. Both uses have the same recordings."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ def _thigh_clips(quick: bool) -> Iterator[tuple[str, Real]]:
 
 
 def sync(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield the recordings with a sensor on the thigh, whose clock is looked for."""
+    """Yield the recordings with an inertial sensor on the thigh; the suite searches for the sensor's clock offset."""
     for exercise, clip in _thigh_clips(quick):
         yield Case(exercise, clip, sensor_clock)

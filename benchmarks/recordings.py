@@ -1,4 +1,4 @@
-"""The recordings that the suites measure on: simulated ones, made once and kept, and real ones."""
+"""Provide the recordings of the suites: simulated recordings, which are made once and kept, and real recordings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from anchorpose.simulate.write import simulate_recording
 
 DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data"
 MOVEMENTS: Final = DATA / "uiprmd_kinect" / "skeletons.npz"
-"""Captured rehabilitation movements; suites that need them are left out without them."""
+"""Captured rehabilitation movements; recordings that need this file are left out if it is absent."""
 
 SOURCES: Final = ("simulate", "body/data", "body/kinematics.py", "body/asset.py", "camera.py", "joints.py")
 """What a simulated recording depends on, besides its settings."""
@@ -35,8 +35,9 @@ DIGITS: Final = 16  # of a digest in a folder's name
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """A recording on disk. truth: its truth.npz, None for a real one; digest: of its content; config: of a simulated
-    scene, for probes."""
+    """A recording on disk. truth: its truth.npz, None for a real recording; digest: of its content; config: settings of
+    a simulated scene, for probes.
+    """
 
     name: str
     recording: Path
@@ -53,12 +54,12 @@ class Recording(Protocol):
         """Name of the recording, unique within its suite."""
 
     def ready(self, cache: Path) -> Ready | None:
-        """Return the recording on disk, made in ``cache`` where it has to be; None where its data is absent."""
+        """Return the recording on disk, after making it in ``cache`` if necessary; None if its data is absent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """A recording of the simulator. programme: what the patient does, where the settings do not state it."""
+    """A recording of the simulator. programme: what the patient does, if the settings do not state it."""
 
     name: str
     config: SimulationConfig
@@ -91,13 +92,13 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True)
 class FrontAlone:
-    """A simulated recording as its first camera made it."""
+    """A simulated recording, reduced to its first camera."""
 
     whole: Simulated
 
     @property
     def name(self) -> str:
-        """Name of the whole recording, marked."""
+        """Return the name of the whole recording with an ending."""
         return f"{self.whole.name}-front"
 
     def ready(self, cache: Path) -> Ready | None:
@@ -123,11 +124,11 @@ class OneFrame:
 
     @property
     def name(self) -> str:
-        """Name of the whole recording, marked."""
+        """Return the name of the whole recording with an ending."""
         return f"{self.whole.name}-one"
 
     def ready(self, cache: Path) -> Ready | None:
-        """Copy the chosen image into a recording of one frame, without a picture of the empty room."""
+        """Copy the chosen image into a recording of one frame, without a depth image of the empty room."""
         whole = self.whole.ready(cache)
         if whole is None or whole.truth is None:
             return None
@@ -195,7 +196,7 @@ def simulator_digest() -> str:
 
 
 def _source_of(programme: Programme | None) -> tuple[str, ...]:
-    """Return the module that a programme is from, and what it is called with."""
+    """Return the source of the module that defines a programme, and the arguments that the programme is called with."""
     if programme is None:
         return ()
     function = getattr(programme, "func", programme)
@@ -208,7 +209,7 @@ def _locked(folder: Path) -> FileLock:
 
 
 def write_once(folder: Path, write: Callable[[Path], None]) -> Path:
-    """Write a folder unless it is there; it appears when it is whole."""
+    """Write a folder unless it exists; the folder appears only when it is complete."""
     with _locked(folder):
         if not folder.exists():
             work = folder.with_name(f".{folder.name}.work")

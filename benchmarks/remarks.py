@@ -1,4 +1,4 @@
-"""What the scores of a row say together, in words: a column of a page's table, or a part of the column ``also``."""
+"""Describe scores of a row in words: for a column of a page's table, or for a part of the column ``also``."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from anchorpose.results.uncertainty import NORMAL_95
 Scores = Mapping[str, float]
 Measured = Sequence[Scores]
 """The scores of all recordings of one row."""
-NOTHING: Final = "–"  # where a row has no such score
+NOTHING: Final = "–"  # shown if a row does not have the score
 
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """What scores say together that no mean says. words: of one row; empty without these scores."""
+    """A summary of scores that is not their mean. words: returns that of one row; empty without these scores."""
 
     name: str
     title: str
@@ -33,7 +33,7 @@ class Remark:
 
 
 def values_of(name: str, measured: Measured) -> np.ndarray:
-    """Return a score of every recording, NaN where it has none."""
+    """Return a score of every recording, NaN for a recording without it."""
     return np.array([one.get(name, np.nan) for one in measured], dtype=np.float64)
 
 
@@ -126,8 +126,8 @@ def _about_median(name: str, measured: Measured) -> np.ndarray:
 
 
 def _spread(measured: Measured) -> str:
-    """Return the standard deviation per axis of labelled joints about their median, by the median: few errors do not
-    change it."""
+    """Return the standard deviation per axis of joints about their median place beside the label, computed from the
+    median absolute deviation: few large errors do not change it."""
     if not known_values("right_mm", measured).size:
         return ""
     away = np.concatenate([_about_median(name, measured) for name in ("right_mm", "below_mm")])
@@ -145,8 +145,8 @@ def _of_labels(measured: Measured) -> str:
 
 
 def _label_band(measured: Measured) -> str:
-    """Return the share of axes on which a joint is as near to its median place beside the label as its sigma and that
-    of the labels state together."""
+    """Return the share of axes on which a joint is within 1.96 sigma of its median place beside the label; this sigma
+    combines the sigmas of the joint and of the labels."""
     if not known_values("right_mm", measured).size:
         return ""
     sigma = np.hypot(values_of("stated_mm", measured), label_sigma(measured))
@@ -184,7 +184,7 @@ REMARKS: Final = (
 
 
 def also(measured: Measured) -> str:
-    """Return what else a row has, in words."""
+    """Return all remarks that a row has, in words."""
     shown = (one for one in REMARKS if one != REFUSED or any(scores.get("refused") for scores in measured))
     return "; ".join(f"{one.title} {words}" for one in shown if (words := one.words(measured)))
 

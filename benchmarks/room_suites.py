@@ -1,4 +1,4 @@
-"""Rooms seen by one camera at an unknown place: whole recordings, and the first pose from a single frame."""
+"""Suites of rooms seen by one camera at an unknown place: whole recordings, and the first pose from one frame."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROOM_SEED: Final[dict[Use, int]] = {"tuning": 51_000, "held-out": 52_000}
 
 
 def rooms(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield 40 rooms, of sensors that filter their depth and of others; the patient is named as a user would."""
+    """Yield 40 rooms, seen by sensors that filter their depth or do not; the patient is pointed out as by a user."""
     for seed in range(ROOM_SEED[use], ROOM_SEED[use] + (4 if quick else 40)):
         config = presets.room(seed, 6.0, 15.0, MOVEMENTS if MOVEMENTS.is_file() else None)
         filtered = "filtered" if config.sensor.endswith("filtered") else "not filtered"
@@ -47,7 +47,7 @@ def _middle(joints_m: np.ndarray) -> int:
 
 
 def _before(seed: int, seconds: float, motions: tuple[str, ...], **room: Any) -> Config:
-    """A bare room whose camera stands where it is set; the patient may be turned away from it."""
+    """Return the settings of a bare room with a camera at a set place, from which the patient may be turned away."""
     rng = np.random.default_rng(seed)
     plan = RoomConfig(**({"distance_m": rng.uniform(2.2, 3.2), "camera_height_m": 1.2, "tilt_rad": 0.08} | room))
     base = presets.single(seed, seconds)
@@ -70,7 +70,7 @@ START_SEED: Final[dict[Use, int]] = {"tuning": 71_000, "held-out": 73_000}
 
 
 def starts(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield single frames: a person in a bare room, in postures and from sides that are hard to begin with."""
+    """Yield single frames of a person in a bare room, in postures and from sides that make the first pose difficult."""
     for title in STARTS:
         for seed in range(START_SEED[use], START_SEED[use] + (1 if quick else 10)):
             yield Case(

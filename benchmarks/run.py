@@ -4,15 +4,18 @@ Measure all figures of README and docs: python benchmarks/run.py --docs [PAGE...
 Suites (``suites.py`` declares them): SUITES
 
 Recordings are simulated once and kept in --cache, with the results of each version of the code: a run that was stopped
-goes on, and what did not change is not tracked again. The table has one row per scene class, means over its recordings
-with the worst in brackets; coverage is the share of axes with the truth within 1.96 sigma (0.95 is calibrated), of
-joints called observed and of those called hidden; a confident error is over 100 mm and four sigma off. Times are
-processor seconds without compiling: compare them only within one run, best of suite ``speed``, which runs alone.
---against: the same recordings by the code of a commit as well, and the differences with 95 % intervals over the
-recordings. --without SOURCE: in place of a commit, the same code with one source of proposals switched off. --quick:
-what a developer runs before every merge that touches tracking; it takes under 20 minutes on two idle cores. --use
-held-out: for the last look only. --docs: what the measured blocks of the pages ask for (``blocks.py``); all changes of
-the program must be committed, and a suite that was measured with this commit is not measured again.
+goes on, and a recording is tracked again only if it or the code has changed. The table has one row per scene class:
+means over its recordings, with the worst recording's value in brackets. Coverage is the share of axes on which the
+truth lies within 1.96 sigma (0.95 is calibrated), for joints called observed and for joints called hidden. A confident
+error is over 100 mm and over four sigma. Times are processor seconds without compiling: compare them only within one
+run, best of suite ``speed``, which runs alone.
+
+--against: also track the recordings with the code of a commit, and print the differences with 95 % intervals over the
+recordings. --without SOURCE: compare with the same code with one source of proposals switched off, instead of a commit.
+--quick: measure only the selection that a developer runs before every merge that touches tracking; it takes under 20
+minutes on two idle cores. --use held-out: only for the final evaluation. --docs: measure what the measured blocks of
+the pages ask for (``blocks.py``); all changes of the program must be committed, and a suite that was measured with this
+commit is not measured again.
 """
 
 from __future__ import annotations
@@ -50,7 +53,7 @@ QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "con
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What every job of a run has in common. again: track although results are kept, to measure the time."""
+    """Settings that all jobs of a run share. again: track even if results are kept, to measure the time."""
 
     use: Use
     quick: bool
@@ -60,7 +63,7 @@ class Plan:
 
 
 def measure(suite: str, index: int, plan: Plan) -> list[list[tuple[str, dict[str, float]]]]:
-    """Run one case with each version; return per version the rows with their scores, empty where data is absent."""
+    """Run one case with each version; return per version the rows and their scores, none if the data is absent."""
     case = cases_of([suite], plan.use, plan.quick)[suite][index]
     ready = case.recording.ready(plan.cache)
     named = None if ready is None else case.name(ready)
@@ -88,13 +91,13 @@ def _measure(
 
 
 def results_folder(ready: Ready, named: dict[str, Any], version: Version, cache: Path) -> Path:
-    """Return where the results of a recording are kept that a version tracked with these settings."""
+    """Return the folder for the results of a recording that a version tracks with the settings ``named``."""
     key = digest_of(version.digest, ready.digest, json.dumps(named))
     return cache / "results" / f"{ready.name}-{key}"
 
 
 def tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version, again: bool = False) -> Cost:
-    """Return the cost of the kept results, or of tracking now; a folder without a cost was left by a stopped run."""
+    """Return the cost of the kept results; without results, or without a cost (a run was stopped), track now."""
     results.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(results.parent / f".{results.name}.lock"):  # another case may need the same results
         if again or not (results / COST_FILE).is_file():
@@ -119,7 +122,7 @@ def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
             else:
                 faults.append(f"{name}: {error}")
             _say(f"{suite}: {number} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
-    if faults:  # only now: what the others gave is kept
+    if faults:  # raised only now, so that the results of the other cases are kept
         raise RuntimeError(f"{suite} could not be measured: {'; '.join(faults)}")
     versions = range(len(plan.versions))
     return [_rows(found[index][version] for index in range(len(cases))) for version in versions]
@@ -142,7 +145,7 @@ def _rows(found: Iterator[Sequence[tuple[str, dict[str, float]]]]) -> Rows:
 
 
 def _fill_pages(pages: Sequence[str], cache: Path, processes: int | None) -> None:
-    """Write what was measured into the pages; processes: with which to measure before, None for not."""
+    """Fill the measured blocks of the pages. processes: to measure with first; None to write only kept figures."""
 
     def measure_suite(wanted: Wanted) -> Rows:
         alone = SUITES[wanted.name].alone

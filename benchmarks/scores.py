@@ -1,4 +1,4 @@
-"""What a tracked recording is worth: scores by name, from its results and from the truth, labels or instruments."""
+"""Score a tracked recording: compare its results with the truth, labels or instruments, and return scores by name."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
 
 Scores = dict[str, float]
-"""By the names in ``table.COLUMNS``; a score that does not apply is absent, one that could not be measured is NaN."""
+"""Scores by name (``table.COLUMNS``). A score that does not apply is absent; one that could not be measured is NaN."""
 
-SKIP_S: Final = 1.0  # at the start, in which tracking may settle
+SKIP_S: Final = 1.0  # s at the start that are not scored: tracking may settle
 LABELS: Final = Path(__file__).parent / "labels"
 NAN: Final = float("nan")
 
 SEEN: Final = 0.5  # least share of the skin around a joint that faces the camera, for the joint to be in plain view
-PLAIN: Final = 0.6  # least share of the joints of trunk and head in plain view, for the patient to be
+PLAIN: Final = 0.6  # least share of the joints of trunk and head in plain view, for the patient to be in plain view
 RIGHT_M, WRONG_M, FAR_M = 0.10, 0.15, 0.10
 FAR_SIGMAS: Final = 4.0
 TRUNK: Final = [JOINT_INDEX[name] for name in ("SpineMid", "SpineShoulder", "Head", "ShoulderLeft", "ShoulderRight")]
 
 TRACKED: Final = 0.5  # least share of the joints that are not lost, for a person to be tracked
-NEAR_M: Final = 3.5  # farther away a person need not be followed
+NEAR_M: Final = 3.5  # a person farther from the camera need not be tracked
 REACHES_M: Final = {"within_60": 0.06, "within_100": 0.10}
-AT_REST: Final = 4  # frames at the start or end, in which the thigh rests, as in ``INSTRUMENT``
-TILTED_DEG: Final = 10.0  # an angle between directions is never negative; near rest its error has no sign
+AT_REST: Final = 4  # number of frames at the start or end in which the thigh rests, as in the script ``INSTRUMENT``
+TILTED_DEG: Final = 10.0  # smaller tilts are left out: an angle is never negative, so near rest its error has no sign
 INSTRUMENT: Final = Path(__file__).resolve().parents[2] / "shared" / "tools" / "utd_mhad.py"
 
 
 def against_truth(ready: Ready, results: Path) -> Scores:
-    """Compare with the simulator's truth after the first second."""
+    """Compare the results with the simulator's truth, after the first second."""
     assert ready.truth is not None
     found = evaluate(results, ready.truth, SKIP_S)
     contacts = {} if found.contacts is None else contact_scores(found.contacts.overall)
@@ -69,8 +69,8 @@ def against_truth(ready: Ready, results: Path) -> Scores:
 
 
 def contacts_by_part(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield precision and recall of contacts with people and with equipment, by frame: of all, by state, and by part
-    that was touched or reported."""
+    """Yield precision and recall, by frame, of contacts with people and with equipment: for all contacts, for each
+    state, and for each body part that was touched or reported as touched."""
     assert ready.truth is not None
     evaluation = evaluate(results, ready.truth, SKIP_S)
     for prefix, found in (("", evaluation.contacts), ("equipment: ", evaluation.supports)):
@@ -95,7 +95,7 @@ def _scores_of(found: Evaluation) -> Scores:
 
 
 def contact_scores(score: ContactScore) -> Scores:
-    """Counts of parts times frames; their sums over recordings give precision and recall."""
+    """Return precision and recall, and the counts (parts times frames) whose sums give both for several recordings."""
     right = 0.0 if score.precision is None else score.precision * score.reported
     found = 0.0 if score.recall is None else score.recall * score.touched
     counts = {"reported": score.reported, "reported_right": right, "touched": score.touched, "touched_found": found}
@@ -103,7 +103,7 @@ def contact_scores(score: ContactScore) -> Scores:
 
 
 def _bone_scores(truth: Path, results: Path) -> Scores:
-    """Error of the learnt lengths of the limb bones, and how many lie within 1.96 of their sigma."""
+    """Return the median error of the learnt lengths of limb bones, and the share of lengths within 1.96 sigma."""
     body = read_run(results / RUN_FILE)["body"]
     if body is None:
         return {}
@@ -130,7 +130,9 @@ def _number(value: float | None) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The truth as one camera has it. joints_m (t, 21, 3) camera; seen, plain: (t, 21), (t,) bool, in plain view."""
+    """The truth in one camera's coordinates. joints_m: (t, 21, 3); seen, plain: (t, 21) and (t,) bool, whether each
+    joint and the patient are in plain view.
+    """
 
     joints_m: np.ndarray
     seen: np.ndarray
@@ -139,7 +141,7 @@ class View:
 
 
 def view_of(truth: Path) -> View:
-    """Read the truth of a recording of one camera."""
+    """Return the truth of a recording by one camera, in this camera's coordinates."""
     with np.load(truth) as file:
         T_world_camera, joints_m, share, time_s = (
             file[key] for key in ("camera_to_world", "joints", "seen_share", "time")
@@ -149,7 +151,9 @@ def view_of(truth: Path) -> View:
 
 
 def name_patient(ready: Ready) -> dict[str, Any] | None:
-    """Return the settings by which a user would name the patient, in the first frame in plain view; None without."""
+    """Return the settings with which a user would point out the patient, in the first frame in which the patient is in
+    plain view; None without such a frame.
+    """
     assert ready.truth is not None
     view = view_of(ready.truth)
     if not view.plain.any():
@@ -161,10 +165,11 @@ def name_patient(ready: Ready) -> dict[str, Any] | None:
 
 
 def in_a_room(ready: Ready, results: Path) -> Scores:
-    """Score the first pose and the frames in plain view, of a patient whom one camera sees.
+    """Score the first pose, and the frames in which a patient is in plain view, for a recording by one camera.
 
-    right: in some frame of the first second of plain view, every joint in plain view is within 100 mm. accepted_wrong:
-    joints are reported in that second, and those in plain view are over 150 mm off on average in each of its frames.
+    right: in some frame of the first second of plain view, every joint in plain view is within 100 mm of the truth.
+    accepted_wrong: joints are reported in the first second of plain view, and in each of its frames the mean error of
+    the joints in plain view is over 150 mm.
     """
     assert ready.truth is not None
     view, table = view_of(ready.truth), read_joints(results / JOINTS_FILE)
@@ -178,7 +183,7 @@ def in_a_room(ready: Ready, results: Path) -> Scores:
     known = np.isfinite(off) & plain[:, None]
     far = known & (off > FAR_M) & (off > FAR_SIGMAS * np.sqrt(3.0) * np.nan_to_num(table.sigma_m, nan=np.inf))
     return {
-        "right": float(any(bool((off[k][seen[k]] < RIGHT_M).all()) for k in second)),  # a lost joint, NaN, is not
+        "right": float(any(bool((off[k][seen[k]] < RIGHT_M).all()) for k in second)),  # a lost joint (NaN) is not right
         "accepted_wrong": float(bool(means) and min(means) > WRONG_M),
         "mean_mm": _mean_mm(off[known]),
         "p95_mm": 1e3 * float(np.percentile(off[known], 95)) if known.any() else NAN,
@@ -217,7 +222,7 @@ class LabelledFrame(NamedTuple):
 
     @property
     def clear(self) -> LabelledPerson:
-        """The person half-way between the labellers, with the joints that are unclear to neither."""
+        """Return the person with each joint half-way between both labels, without joints unclear to a labeller."""
         one, other = self.people
         both = (one.joints.keys() & other.joints.keys()) - one.unclear - other.unclear
         middle = {
@@ -227,7 +232,7 @@ class LabelledFrame(NamedTuple):
 
 
 def against_msr_labels(ready: Ready, results: Path) -> Scores:
-    """Compare the labelled frames of a sequence of MSR Action3D: joints that both labellers set and neither doubted."""
+    """Compare tracked joints of MSR Action3D with the labels that both labellers set and neither marked as unclear."""
     away = list[LabelError]()
     for frame in _labelled_frames(ready, results):
         away += _label_errors(frame.clear, frame.joints_m, frame.sigma_m, frame.depth_m, frame.camera)
@@ -235,8 +240,8 @@ def against_msr_labels(ready: Ready, results: Path) -> Scores:
 
 
 def by_joint(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield, for each label of ``against_msr_labels``, the joint's name without its side, how far right of and below
-    the label the tracked joint is, how far apart the labellers are, and the joint's stated sigma, in millimetres.
+    """Yield, for each label of ``against_msr_labels``, the joint's name without its side, and in millimetres: how far
+    the tracked joint is right of and below the label, how far apart both labels are, and the joint's stated sigma.
     """
     for frame in _labelled_frames(ready, results):
         apart = apart_m(*frame.people, frame.depth_m, frame.camera)
@@ -276,9 +281,9 @@ def _label_errors(
 
 
 def _label_scores(errors: Sequence[LabelError]) -> Scores:
-    """Return the shares of labels near their joint, and the share of confident errors: farther off than ``FAR_M``, and
-    than ``FAR_SIGMAS`` sigma of each of the two axes perpendicular to the line of sight. A joint far in front of or
-    behind the labelled skin counts as ``FAR_M`` off.
+    """Return the shares of joints near their label, and the share of confident errors. A confident error is at least
+    ``FAR_M``, and more than ``FAR_SIGMAS`` sigma on each of the two axes perpendicular to the line of sight. The error
+    of a joint far in front of or behind the labelled skin counts as ``FAR_M``.
     """
     if not errors:
         return {}
@@ -300,7 +305,9 @@ def people_in(folder: str) -> tuple[str, ...]:
 
 
 def name_labelled(ready: Ready, person: str) -> dict[str, Any] | None:
-    """Return the settings by which a user would name a labelled person: where most joints are clearly seen, near."""
+    """Return the settings with which a user would point out a labelled person: in the frame near the camera in which
+    most joints are clearly seen; None without such a frame.
+    """
     recording, best, most = open_recording(ready.recording), None, 0
     camera = settle(recording, TrackConfig()).calibration.cameras[0]
     for frame, people in read_labels(LABELS, ready.recording.name, LABELLERS[0]).items():
@@ -316,7 +323,7 @@ def name_labelled(ready: Ready, person: str) -> dict[str, Any] | None:
 
 
 def against_people_labels(ready: Ready, results: Path, person: str) -> Scores:
-    """Compare a person who was tracked by name with the labels of both labellers."""
+    """Compare the tracked joints of a labelled person, who was pointed out to the tracker, with all their labels."""
     recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
     pose = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
     camera = replace(recording.cameras[0], T_world_camera=pose)
@@ -353,8 +360,8 @@ def _depth(recording: Recording, frame: int) -> np.ndarray:
 
 
 def against_inertial_sensor(ready: Ready, results: Path) -> Scores:
-    """Compare the tilt of the right thigh with the sensor strapped to it (``../shared/tools/utd_mhad.py``); also give
-    the share of frames whose difference lies within 1.96 of its sigma.
+    """Compare the tracked tilt of the right thigh with that of a sensor strapped to it
+    (``../shared/tools/utd_mhad.py``); also return the share of frames in which both differ by less than 1.96 sigma.
     """
     command = [sys.executable, str(INSTRUMENT), str(ready.recording), str(results)]
     found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
@@ -366,8 +373,8 @@ def against_inertial_sensor(ready: Ready, results: Path) -> Scores:
 
 def _tilt_cover(recording: Path, results: Path, lag_s: float) -> float:
     """Return the share of frames with a measured tilt over ``TILTED_DEG`` in which the tracked tilt lies within 1.96
-    sigma of it. Sigma follows from those of hip and knee; the error of the direction at rest is left out. lag_s:
-    seconds to add to the images' times to get the sensor's.
+    sigma of it. Sigma is computed from the sigmas of hip and knee, without the error of the thigh's direction at rest.
+    lag_s: seconds to add to the images' times to get times on the sensor's clock.
     """
     table = read_joints(results / JOINTS_FILE)
     hip, knee = JOINT_INDEX["HipRight"], JOINT_INDEX["KneeRight"]

@@ -1,4 +1,4 @@
-"""Rendered sessions of trials with stimulation and without, and how their tracked results are scored."""
+"""Suite of rendered sessions of trials with and without stimulation, and the scores of their tracked results."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from anchorpose.simulate.sessions.preset import stimulation
 SESSION_SEED: Final[dict[Use, int]] = {"tuning": 81_000, "held-out": 91_000}
 SHORT: Final = SessionConfig(trial_s=10.0)
 CAMERAS: Final = (1, 3)
-HZ: Final = 20.0  # the least with which tremor is looked for; events need 10
+HZ: Final = 20.0  # lowest frame rate at which tremor is looked for; events need 10
 KNEE: Final = "knee_flexion_upright_mean"
 SHAKES: Final = "tremor_knee_time"
 
 
 def sessions(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield a session of twelve short trials before one camera, and another one before three."""
+    """Yield a session of twelve short trials in front of one camera, and another session in front of three."""
     for number, cameras in enumerate(CAMERAS[: 1 if quick else None]):
         session = replace(SHORT, trials=4) if quick else SHORT
         config = replace(stimulation(SESSION_SEED[use] + number, session, HZ), cameras=cameras)
@@ -80,8 +80,9 @@ def event_scores(found: SessionEvaluation) -> Iterator[tuple[str, Scores]]:
 
 
 def clonus_scores(rows: Iterable[Measure], true_events: Sequence[TrueEvent], trials: Trials) -> Scores:
-    """Count trials in which a knee shakes. found: those of true clonus whose knee is said to shake; false: knees that
-    are said to shake in a trial without clonus on that side. Knees that were not seen for long enough do not shake.
+    """Count trials in which a knee shakes. true: knees with true clonus; found: those that the results also report as
+    shaking; false: knees reported as shaking without clonus on that side. Knees that were not seen for long enough
+    count as not shaking.
     """
     true = {
         (trial.number, event.kind.removeprefix("clonus_"))

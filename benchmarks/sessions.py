@@ -1,10 +1,11 @@
-"""How well sessions of trials are measured: python benchmarks/sessions.py [--use USE] [--sessions N] [--sigma-mm S]
+"""Test measures of sessions of trials: python benchmarks/sessions.py [--use USE] [--sessions N] [--sigma-mm S]
 
-Many simulated sessions (``anchorpose simulate --preset stimulation``) without images: the true joints with errors like
-tracked ones (``event_builder.tracked``: 70 % of the variance lasts, the rest changes within seconds, 1 mm from frame to
-frame), and the true contacts. Prints how often the conditions are told apart that differ by 5 degrees and by nothing,
-how many times of independence lie within 1.96 sigma, and how many events are found. What the images add to this is
-measured by ``python benchmarks/run.py sessions``. Takes some seconds per session.
+Many sessions (``anchorpose simulate --preset stimulation``) are simulated without images. Their contacts are the true
+ones; their joints are the true joints with errors like those of tracking (``event_builder.tracked``: 70 % of the
+variance is constant, the rest changes within seconds, and 1 mm from frame to frame). Prints how often a change of the
+knees is shown if stimulation changes them by 5 degrees or not at all, how many durations without help (times of
+independence) lie within 1.96 sigma, and how many events are found. Sessions with images are measured by ``python
+benchmarks/run.py sessions``. Takes some seconds per session.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ from anchorpose.simulate.sessions.preset import stimulation
 from anchorpose.simulate.sessions.truth import true_events
 
 FIRST_SEED: Final[dict[Use, int]] = {"tuning": 81_100, "held-out": 91_100}
-HZ: Final = 20.0  # the least with which tremor is looked for
-MEANS_HZ: Final = 5.0  # where only means over trials are asked for
-PART: Final = 300  # frames that are posed at once
+HZ: Final = 20.0  # lowest frame rate at which tremor is looked for
+MEANS_HZ: Final = 5.0  # frame rate if only means over trials are needed
+PART: Final = 300  # number of frames that are posed at once
 KNEE: Final = "knee_flexion_upright_mean"
 EFFECTS_DEG: Final = (5.0, 0.0)
-INCIDENTS: Final = 3  # of each kind in the sessions with events, a trial each
+INCIDENTS: Final = 3  # of each kind in a session with events; each happens in a trial of its own
 
 
 class Simulated(NamedTuple):
-    """clinic: as it was drawn; found, exact: its joints with errors and without."""
+    """A session. clinic: as it was drawn; found, exact: the patient's joints with errors and without errors."""
 
     clinic: Clinic
     found: JointTable
@@ -61,7 +62,7 @@ class Simulated(NamedTuple):
 
 
 def simulated(seed: int, session: SessionConfig, sigma_m: float, hz: float) -> Simulated:
-    """A session, not rendered."""
+    """Simulate a session without rendering images."""
     clinic = draw_clinic(stimulation(seed, session, hz))
     times_s, body = np.arange(clinic.config.frames) / hz, clinic.patient.person.body
     parts = [clinic.patient.bones(times_s[first : first + PART]) for first in range(0, len(times_s), PART)]
@@ -71,7 +72,7 @@ def simulated(seed: int, session: SessionConfig, sigma_m: float, hz: float) -> S
 
 
 def trials_of(plan: Sequence[PlannedTrial]) -> Trials:
-    """The trials as events.tsv has them."""
+    """Return the trials in the form that events.tsv has."""
     columns = (TrialColumn("amplitude", "V"), TrialColumn("block", None))
     rows = [
         Trial(k, t.condition, t.onset_s, t.duration_s, t.onset_s, (t.amplitude_v, str(t.block)))
@@ -81,7 +82,7 @@ def trials_of(plan: Sequence[PlannedTrial]) -> Trials:
 
 
 def contacts_of(plan: Sequence[PlannedTrial], hz: float) -> tuple[Contact, ...]:
-    """What holds the patient in each trial, as seen all the time: hands on knees and hips, and hands on rails."""
+    """Return the contacts of each trial, as if always seen: of a helper's hands, and of the patient's with rails."""
     found = list[Contact]()
     for trial in plan:
         if trial.helped:
@@ -118,7 +119,7 @@ def measures_of(joints: JointTable, clinic: Clinic) -> tuple[Session, list[Measu
 
 
 def knee_effects(measures: Sequence[Measure], clinic: Clinic) -> list[Effect]:
-    """That of the stimulation on the mean flexion of the left and the right knee."""
+    """Return the effect of the stimulation on the mean flexion of the left knee, and of the right knee."""
     trials, found = trials_of(clinic.plan), list[Effect]()
     for side in ("left", "right"):
         rows = [row for row in measures if (row.measure, row.side) == (KNEE, side) and row.trial is not None]
@@ -127,13 +128,13 @@ def knee_effects(measures: Sequence[Measure], clinic: Clinic) -> list[Effect]:
 
 
 def share(hits: int, total: int) -> str:
-    """So many of so many, with the 95 % interval."""
+    """Describe ``hits`` of ``total`` in words, with the percentage and its 95 % interval."""
     low, high = wilson(hits, total)
     return f"{hits} of {total} ({100 * hits / total:.1f} %, {100 * low:.1f} to {100 * high:.1f})"
 
 
 def conditions(seeds: range, sigma_m: float) -> None:
-    """Print how often a knee's change is shown: stimulation that changes knees, and one that does not."""
+    """Print how often a change of a knee is shown, for stimulation that changes the knees and that does not."""
     for effect_deg in EFFECTS_DEG:
         shown, true_deg, found_deg = list[bool](), list[float](), list[float]()
         for seed in seeds:
@@ -152,7 +153,7 @@ def conditions(seeds: range, sigma_m: float) -> None:
 
 
 def events(seeds: range, sigma_m: float) -> None:
-    """Print how many events are found, and how many durations without help differ from the truth by at most 1.96 sigma."""
+    """Print how many events are found, and how many durations without help are within 1.96 sigma of the truth."""
     counts, late_s, seconds = dict.fromkeys(EVENT_KINDS, (0, 0, 0, 0)), list[float](), 0.0
     compared, within, clonus = 0, 0, dict.fromkeys(("true", "found", "false"), 0.0)
     for seed in seeds:
@@ -173,18 +174,18 @@ def events(seeds: range, sigma_m: float) -> None:
 
 
 def known_events(clinic: Clinic) -> tuple[TrueEvent, ...]:
-    """The true events as truth.npz has them."""
+    """Return the true events in the form that truth.npz has."""
     assert isinstance(clinic.patient, SessionPatient)
     return tuple(TrueEvent(e.kind, e.start_s, e.end_s, e.depth) for e in true_events(clinic.patient))
 
 
 def false_rate(counts: dict[str, tuple[int, ...]], seconds: float) -> float:
-    """False events of all kinds in ten minutes."""
+    """Return the number of false events of all kinds in ten minutes."""
     return 600.0 * sum(each[-1] for each in counts.values()) / seconds
 
 
 def main() -> None:
-    """Print all three."""
+    """Print how well conditions, events and durations without help are measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--use", choices=get_args(Use), default="tuning")
     parser.add_argument("--sessions", type=int, default=100)

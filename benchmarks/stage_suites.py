@@ -1,4 +1,4 @@
-"""Suites of single stages and of what stands beside tracking; their probes measure them (``probes``)."""
+"""Suites of single stages and of parts of the program beside tracking, measured by the scripts in ``probes``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def calibration(use: Use, quick: bool) -> Iterator[Case]:
     sensors = get_args(presets.Sensor)
     for seed in _seeds("calibration", use, 1 if quick else 20):
         turn, number = divmod(seed, len(sensors))
-        equipment = STANDING_EQUIPMENT[(number + turn) % len(STANDING_EQUIPMENT)]  # other equipment per turn
+        equipment = STANDING_EQUIPMENT[(number + turn) % len(STANDING_EQUIPMENT)]  # each turn has other equipment
         config = SimulationConfig(seed=seed, seconds=4.0, fps=4.0, sensor=sensors[number], equipment=equipment)
         title = "from the equipment, depth " + ("filtered" if config.sensor.endswith("filtered") else "not filtered")
         yield Case(title, Simulated(f"calibration-{seed}", config), probe=Probe("calibration"))
@@ -50,7 +50,7 @@ def calibration(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def clocks(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield clinics whose clocks are off by up to 2 s and drift by up to 100 parts in a million."""
+    """Yield clinics whose cameras' clocks are off by up to 2 s and drift by up to 100 parts in a million."""
     for fps in (30.0, 15.0):
         for seed in _seeds("clocks", use, 1 if quick else 4):
             rng = np.random.default_rng(seed)
@@ -67,7 +67,7 @@ def isolation(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def descriptor(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield people alone, clinics, people in rooms, and things, whose images the learnt descriptor never saw."""
+    """Yield people alone, clinics, people in rooms, and things; the learnt descriptor never saw these images."""
     movements = MOVEMENTS if MOVEMENTS.is_file() else None
     for seed in _seeds("descriptor", use, 1 if quick else 8):
         room = presets.room(seed, 6.0, 15.0, movements)
@@ -88,7 +88,9 @@ def descriptor(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def equipment(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield empty rooms with each kind of equipment, seen from other places by sensors without filters in turn."""
+    """Yield empty rooms with each kind of equipment; each seed has other places of the cameras and another sensor, out
+    of those without filters.
+    """
     sensors = [sensor for sensor in get_args(presets.Sensor) if not sensor.endswith("filtered")]
     for seed in _seeds("equipment", use, 1 if quick else 6):
         for kind in (*STANDING_EQUIPMENT, "wheelchair"):
@@ -129,7 +131,7 @@ MIXED_CLINICS: Final = (1, 6)
 
 
 def given_poses(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield twelve clinics of other cameras, equipment and therapists; the probe spoils their poses."""
+    """Yield twelve clinics with different cameras, equipment and therapists; the probe makes camera poses wrong."""
     for number in range(1 if quick else len(GIVEN_SENSORS)):
         config = replace(
             presets.clinic(FIRST_SEED["given-poses"][use] + number, 6.0, 3.0),
@@ -143,7 +145,7 @@ def given_poses(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def laboratory(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield patients of a minute; the probe draws markers, another clock and another frame."""
+    """Yield patients, one minute each; the probe simulates a laboratory's markers, clock and coordinate frame."""
     for seed in _seeds("laboratory", use, 1 if quick else 30):
         recording = Drawn(f"laboratory-{seed}", presets.single(seed, seconds=60.0))
         yield Case("one minute", recording, probe=Probe("laboratory"))

@@ -1,4 +1,4 @@
-"""What a suite is made of: cases, each a recording and how the program is measured on it."""
+"""Define suites and their cases: a case is a recording and the way in which the program is measured on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Scores = dict[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """A script of ``probes`` that measures with inner parts of the program, and its options."""
+    """A script in ``probes`` that measures by calling internal modules of the program, and the script's options."""
 
     script: str
     options: tuple[str, ...] = ()
@@ -24,11 +24,11 @@ class Probe:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run: a recording, how the patient is named in it, and how its results are scored.
+    """One run: a recording, how a user points out its patient, and how its results are scored.
 
     row: the scene class; name: returns settings that differ from the defaults, or None to leave the recording out;
-    score: returns the scores, or pairs of a part's name and its scores, which get rows of their own; refused: the
-    scores of a recording that is refused. probe: measures instead of tracking; its parts get rows of their own.
+    score: returns the scores, or for several parts pairs of a name and its scores, each for a row of its own; refused:
+    returns the scores of a refused recording. probe: measures in place of tracking, with a row for each of its parts.
     """
 
     row: str
@@ -41,8 +41,9 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """cases: of a use, all or the few of ``--quick``. alone: run one after another, so that times can be compared.
-    minutes: of a processor, about, for all cases with their simulation; ``--docs`` measures the cheapest first."""
+    """A suite. cases: returns the cases of a use, all or only those of ``--quick``. alone: whether cases run one after
+    another, so that times can be compared. minutes: approximate processor time for all cases and their simulation;
+    ``--docs`` measures the suites with the fewest minutes first."""
 
     about: str
     cases: Callable[[Use, bool], Iterator[Case]]

@@ -1,4 +1,4 @@
-"""What is measured, as data: each suite's scene classes, with their recordings and how they are scored."""
+"""Declare all suites: the scene classes of each suite, with their recordings and how these are scored."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-# held out: used once, for the release; 141, 241 and 251 were looked at
+# first seeds. The held-out seed is used once, for the release; 141, 241 and 251 have been looked at before
 EASY_SEEDS: Final = {"tuning": 101, "held-out": 261}
 
 
 def easy(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield four seeds of each row, six seconds."""
+    """Yield four recordings of six seconds per row, each with another seed."""
     for row, (title, make) in enumerate(EASY.items()):
         for seed in range(EASY_SEEDS[use], EASY_SEEDS[use] + (1 if quick else 4)):
             config = make(seed, 3.0 if quick else 6.0)
@@ -48,11 +48,11 @@ def easy(use: Use, quick: bool) -> Iterator[Case]:
 # sensors: every camera, lens and size of hole that can be simulated, and cameras of different makes
 
 LENSES: Final[tuple[presets.LensName, ...]] = ("brown-conrady", "rational", "kannala-brandt")
-HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # the paper's
+HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # radii, as in the paper
 
 
 def _mixed(config: Config) -> Config:
-    """Cameras of three makes: other images, lenses, noise and rates, and clocks that nobody set."""
+    """Return a clinic with cameras of three makes: images, lenses, noise and rates differ; clocks are not set."""
     late_s = (0.0, 0.35, -0.6)
     makes: tuple[presets.Sensor, ...] = ("femto-bolt", "realsense", "kinect-v2")
     return replace(
@@ -74,7 +74,7 @@ SENSORS: Final[dict[str, Callable[[Config], Config]]] = {
 
 
 def sensors(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield the same four people before each camera."""
+    """Yield the same four people in front of each camera."""
     for title, change in SENSORS.items():
         for seed in range(EASY_SEEDS[use], EASY_SEEDS[use] + (1 if quick else 4)):
             config = change(presets.single(seed, 3.0 if quick else 6.0))
@@ -82,12 +82,12 @@ def sensors(use: Use, quick: bool) -> Iterator[Case]:
             yield Case(title, Simulated(f"sensors-{name}", config))
 
 
-# hard: captured rehabilitation movements in equipment, held by therapists, with people who walk through
+# hard: captured rehabilitation movements of patients in equipment, whom therapists hold, while others walk through
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A movement in equipment; passers_by walk through."""
+    """A movement in equipment. passers_by: number of people who walk through the scene."""
 
     movement: str
     equipment: Equipment
@@ -125,12 +125,13 @@ RECIPES: Final[dict[Use, tuple[Recipe, ...]]] = {
         Recipe("leg-raise", "sling"),
     ),
 }
-"""Held out: other subjects, two movements and one kind of equipment that no recording for tuning has."""
+"""The held-out scenes have two movements and one kind of equipment that no scene for tuning has, and other subjects."""
 
 HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 49_000}
-"""Held out: used once, for the release; 24 scenes each from 42000 and from 45000 to 48000 were looked at."""
+"""Seed of the first scene. The held-out seed is used once, for the release; the 24 scenes from each of the seeds 42000
+and 45000 to 48000 have been looked at before."""
 SUBJECTS: Final[dict[Use, tuple[int, ...]]] = {"tuning": (1, 2, 3, 4, 5), "held-out": (6, 7)}
-ROUNDS: Final = 2  # of each recipe, with another seed
+ROUNDS: Final = 2  # scenes per recipe, each with another seed
 
 
 def hard_scenes(use: Use, seconds: float = 10.0, fps: float = 15.0) -> dict[str, Config]:
@@ -145,7 +146,7 @@ def hard_scenes(use: Use, seconds: float = 10.0, fps: float = 15.0) -> dict[str,
 
 
 def hard(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield 24 scenes by three cameras, then by the front camera alone."""
+    """Yield 24 scenes seen by three cameras, then the same scenes seen by the front camera alone."""
     scenes = list(hard_scenes(use, 3.0 if quick else 10.0).items())[: 2 if quick else None]
     whole = [Simulated(f"hard-{name}-{config.seconds:g}", config) for name, config in scenes]
     yield from (Case("hard scenes, three cameras", recording) for recording in whole)
@@ -180,7 +181,7 @@ def people() -> dict[str, Callable[[Config], Config]]:
 
 
 def bodies(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield each kind of person before one camera, then in a clinic of three."""
+    """Yield each kind of person in front of one camera, then in a clinic with three cameras."""
     kinds = people()
     for scene, make in (("one camera", presets.single), ("clinic", presets.clinic)):
         for person in list(kinds)[: 2 if quick else None] if not (quick and scene == "clinic") else ():
@@ -196,20 +197,20 @@ def bodies(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def contacts(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield the clinics of the easy and the hard scenes, by three cameras and by the front camera alone."""
+    """Yield the clinics of the easy and the hard scenes, seen by three cameras and by the front camera alone."""
     for case in (*(case for case in easy(use, quick) if "clinic" in case.row), *hard(use, quick)):
         row = "front camera alone" if case.row.endswith("front camera alone") else "three cameras"
         yield replace(case, row=row, score=scores.contacts_by_part)
 
 
-# kidnapped: the tracker's pose is spoilt in mid-recording
+# kidnapped: the tracker's pose is replaced by a wrong pose in the middle of a recording
 
 KIDNAPPED_SEED: Final[dict[Use, int]] = {"tuning": 1101, "held-out": 1151}
 ARMS: Final = ("reach", "arm-raise", "rails")
 
 
 def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield single people, clinics, and a few hard scenes; 24 trials of each kind of spoilt pose, or two."""
+    """Yield single people, clinics and a few hard scenes, with 24 (quick: two) trials of each kind of wrong pose."""
     scenes: list[tuple[str, str, Config]] = []
     for seed in range(KIDNAPPED_SEED[use], KIDNAPPED_SEED[use] + (1 if quick else 3)):
         single = presets.single(seed, 6.0)
@@ -223,14 +224,14 @@ def kidnapped(use: Use, quick: bool) -> Iterator[Case]:
         yield Case(row, Simulated(name, config), probe=Probe("kidnapped", ("--trials", "2" if quick else "24")))
 
 
-# facings: how far the likelihood is to be believed
+# facings: how reliable the likelihood of a pose is
 
-# of the hard scenes: three that show little more than head and arms, two that show more
+# indices of hard scenes: three scenes that show little more than head and arms, two that show more
 FACINGS: Final = (0, 7, 14, 2, 12)
 
 
 def facings(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield hard scenes by the front camera alone, each a row."""
+    """Yield hard scenes seen by the front camera alone; each scene gets a row."""
     scenes = list(hard_scenes(use, 3.0 if quick else 10.0).items())
     for name, config in [scenes[number] for number in FACINGS[: 1 if quick else None]]:
         recording = FrontAlone(Simulated(f"hard-{name}-{config.seconds:g}", config))
@@ -241,7 +242,7 @@ def facings(use: Use, quick: bool) -> Iterator[Case]:
 
 
 def speed(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield one or two recordings of every scene class, the hardest too; start-up stands apart in the table."""
+    """Yield one or two recordings of every scene class, also of the hardest; the table lists start-up separately."""
     seconds, scenes = 3.0 if quick else 6.0, hard_scenes(use, 3.0 if quick else 10.0)
     seed = EASY_SEEDS[use]
     bars = next((name, config) for name, config in scenes.items() if name.startswith("parallel-bars-sit"))

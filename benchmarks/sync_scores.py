@@ -1,7 +1,8 @@
-"""How well the clock of a real inertial sensor on the thigh is found, and how often a wrong file is refused.
+"""Score how well the clock of a real inertial sensor on the thigh is found, and how often a wrong file is refused.
 
-Nobody measured the sensor's clock. What is right is known from the tilt of the thigh, which the data set gives beside
-the accelerometer (``tests/sync/test_real_sensor.py``). The wrong files are those of all recordings of other exercises.
+The sensor's clock was not measured. The right offset is known from the tilt of the thigh, which the data set gives in
+addition to the acceleration (``tests/sync/test_real_sensor.py``). The wrong files are those of all recordings of other
+exercises.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.sync.synchronising import synchronise
 
 SENSORS: Final = DATA / "utd_mhad"
-SHIFT_S: Final = 731.25  # start of the sensor's file, which the search does not know
+SHIFT_S: Final = 731.25  # added to the times of the sensor's file; the search does not know it
 WAYS: Final = {"acceleration": ("ax", "ay", "az"), "gyroscope": ("gx", "gy", "gz")}
 SIGMAS: Final = 3.0
 
 
 def sensor_clock(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield per way, without and with a stated rough offset, whether the clock was found, how far off, in ms."""
+    """Yield per signal (``WAYS``), with and without a rough offset, whether the clock was found, and its error."""
     own = ready.recording.name
     lag_s = tilt_lag_s(read_joints(results / JOINTS_FILE), np.load(SENSORS / own / "imu.npz"))
     with TemporaryDirectory() as folder:
@@ -48,7 +49,7 @@ def _scores(one: tuple[float, float] | None, lag_s: float) -> Scores:
 
 
 def tilt_lag_s(joints: JointTable, imu: Any) -> float:
-    """Return how much later the sensor's clock is by the tilt of the thigh from rest, to 5 ms."""
+    """Return the lag of the sensor's clock in s, to 5 ms, at which both tilts of the thigh from rest agree best."""
     hip, knee = (joints.position_m[:, JOINT_INDEX[name]] for name in ("HipRight", "KneeRight"))
     along = (knee - hip) / np.linalg.norm(knee - hip, axis=1, keepdims=True)
     known = np.isfinite(along).all(axis=1)
@@ -61,7 +62,7 @@ def tilt_lag_s(joints: JointTable, imu: Any) -> float:
 
 
 def write_csv(folder: Path, name: str) -> Path:
-    """Write the sensor's file of a recording, on a clock with another start."""
+    """Write the sensor's file of a recording, with ``SHIFT_S`` added to its times."""
     imu, path = np.load(SENSORS / name / "imu.npz"), folder / f"{name}.csv"
     if not path.exists():
         rows = np.column_stack([imu["time_s"] + SHIFT_S, imu["acc_g"], imu["gyro_deg_s"]])
@@ -70,7 +71,7 @@ def write_csv(folder: Path, name: str) -> Path:
 
 
 def found(results: Path, other: Path, way: str, near: float | None) -> tuple[float, float] | None:
-    """Return the offset without the other start, and its sigma, in s; None where it is refused."""
+    """Return the found offset less ``SHIFT_S``, and its sigma, in s; None if the file is refused."""
     settings = SyncSettings(segment="thigh_right", near=near, **{way: WAYS[way]})
     try:
         clock = synchronise(results, other, settings).clock

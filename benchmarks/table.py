@@ -1,4 +1,4 @@
-"""The table of a run: one row per scene class, and where two versions ran, their differences with intervals."""
+"""Make the table of a run: one row per scene class, and the differences with intervals if two versions ran."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from remarks import ALL_REMARKS, NOTHING, REMARKS, Measured, Remark, known_value
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A score that has a column of its own. scale: what the score is multiplied by; worst: which of the recordings'
-    values stands in brackets."""
+    """A score that has a column of its own. scale: factor of the score; worst: function that chooses, from the
+    recordings' values, the one in brackets."""
 
     name: str
     title: str
@@ -52,8 +52,8 @@ PAIRED: Final = (
     Column("precision", "precision", digits=2),
     Column("recall", "recall", digits=2),
 )
-OTHERWISE_SHOWN: Final = frozenset({"trials", "refused"})  # by ``also``
-WORSE_IF_LARGER: Final = ("_mm", "_deg", "_ms", "error")  # ends of the names of probes' scores
+OTHERWISE_SHOWN: Final = frozenset({"trials", "refused"})  # in the column ``also``
+WORSE_IF_LARGER: Final = ("_mm", "_deg", "_ms", "error")  # endings of the names of probes' scores
 
 
 def columns_of(rows: Mapping[str, Measured], known: Sequence[Column]) -> Sequence[Column]:
@@ -77,9 +77,9 @@ def _column(name: str, rows: Mapping[str, Measured]) -> Column:
 
 
 def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
-    """Return Markdown: the number of recordings, the mean of each column with the worst in brackets, and the rest.
+    """Return Markdown with the number of recordings, the mean of each score with the worst in brackets, and remarks.
 
-    names: the columns and remarks to show instead of all. Raises KeyError for one that nothing was measured of.
+    names: the columns and remarks to show instead of all. Raises KeyError for a name without a measured score.
     """
     shown = [_named(name, rows) for name in names] or [*columns_of(rows, COLUMNS), ALL_REMARKS]
     titles = ["scene", "recordings", *(one.title for one in shown)]
@@ -90,7 +90,7 @@ def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
 
 
 def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
-    """Return a remark, a known column, or a score's own column."""
+    """Return the remark of this name, the known column, or a new column for the score."""
     remark = next((one for one in REMARKS if one.name == name), None)
     if not any(remark.words(of) if remark else any(name in one for one in of) for of in rows.values()):
         raise KeyError(f"no {name} was measured")
@@ -98,7 +98,7 @@ def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
-    """Return Markdown: now less ``before`` on the same recordings, mean and 95 % interval; both in the same order."""
+    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, which list the same recordings in order."""
     columns = columns_of(now, PAIRED)
     titles = ["scene", *(column.title for column in columns)]
     lines = [f"Now less {title}:", "", f"| {' | '.join(titles)} |", "|---|" + "--:|" * len(columns)]

@@ -1,5 +1,5 @@
-"""Tests that clinics name, done by simulated patients before one camera, some slowly or not completely, and before
-three cameras with a therapist: what the patients do, and the suite of these recordings."""
+"""Suite of clinical tests that simulated patients do in front of one camera, some slowly or not completely, and in
+front of three cameras with a therapist."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SIDES: Final = ("left", "right")
 
 
 def rises(rng: np.random.Generator, person: Person, pace: float = 1.0, whole: int = 5) -> Actor:
-    """Five rises from a seat and four times down again; those after the first ``whole`` stop at half the way."""
+    """Return a patient who rises five times and sits down between; rises after the first ``whole`` stop half-way."""
     seated = seated_offsets(person)
     rise_s, stood_s, sat_s = rng.uniform((1.0, 0.5, 0.3), (1.5, 0.9, 0.7)) * (pace, pace, 1.0)
     cycle_s, first_s = 2.0 * rise_s + stood_s + sat_s, rng.uniform(2.5, 3.5)
@@ -45,7 +45,7 @@ def rises(rng: np.random.Generator, person: Person, pace: float = 1.0, whole: in
 
 
 def reaches(rng: np.random.Generator, person: Person, pace: float = 1.0, share: float = 1.0) -> Actor:
-    """Each arm in turn is raised forward and then goes on forward as the trunk leans, by a share of a usual reach."""
+    """Return a patient who raises each arm forward in turn, then leans forward. share: of a usual reach."""
     movements, start_s = [], rng.uniform(1.5, 2.0)
     for side in rng.permutation(SIDES):
         raised = (
@@ -69,7 +69,7 @@ def reaches(rng: np.random.Generator, person: Person, pace: float = 1.0, share: 
 
 
 def stances(rng: np.random.Generator, person: Person, seconds: float = 8.0) -> Actor:
-    """Each foot in turn is lifted beside the other leg for about so long, the weight over the standing foot."""
+    """Return a patient who lifts each foot in turn for about ``seconds``, with the weight over the standing foot."""
     footwork, movements, start_s = _feet(rng, person), [], rng.uniform(1.5, 2.5)
     places, yaws = final_stance(footwork)
     steps = []
@@ -89,7 +89,7 @@ def _feet(rng: np.random.Generator, person: Person) -> Footwork:
 def _actor(
     rng: np.random.Generator, person: Person, movements: list[Movement], footwork: Footwork | None = None
 ) -> Actor:
-    """A person who does that and sways."""
+    """Return a person who does these movements and sways."""
     feet = _feet(rng, person) if footwork is None else footwork
     return Actor(person, resting_channels(person, in_frame=False), movements, feet, draw_waves(rng))
 
@@ -129,7 +129,7 @@ def task_recordings(first_seed: int) -> Iterator[Simulated]:
 
 
 def tasks(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield the recordings; rows are measures and angles."""
+    """Yield the recordings of the tests; the table has a row per measure and per angle."""
     found = list(task_recordings(TASK_SEED[use]))
     for recording in found[3:12:3] if quick else found:
         yield Case("measures", recording, measures_against_truth)

@@ -1,4 +1,4 @@
-"""How long the angles of some frames take: pytest benchmarks/test_angles.py --benchmark-only."""
+"""Time the computation of the joint angles of some frames: pytest benchmarks/test_angles.py --benchmark-only."""
 
 from __future__ import annotations
 

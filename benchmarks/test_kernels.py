@@ -1,9 +1,9 @@
-"""How long each step from depth picture to hypotheses takes: pytest benchmarks/test_kernels.py --benchmark-only.
+"""Time each step from depth image to hypotheses: pytest benchmarks/test_kernels.py --benchmark-only.
 
-One frame of a standing figure as a Kinect v2 sees it at 2.4 m, about 12,000 pixels, meshed on every pixel (full) and
-on every second one (half). Beside our kernels, in the same run, what else there is for the same step; each is skipped
-where its library is not installed (open3d, pygeodesic, potpourri3d). The paper's own way in C++ is in paper_way.py. On
-one core: OMP_NUM_THREADS=1 taskset -c 0 pytest ...
+The steps are run on one frame of a standing figure as a Kinect v2 sees it at 2.4 m, about 12,000 pixels, meshed on
+every pixel (full) and on every second pixel (half). Other libraries are timed on the same steps in the same run; a
+library that is not installed is skipped (open3d, pygeodesic, potpourri3d). The paper's own method in C++ is in
+paper_way.py. On one core: OMP_NUM_THREADS=1 taskset -c 0 pytest ...
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ HEIGHT_M = 1.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A figure and everything the stages make of it."""
+    """A depth frame of the figure, and what the stages compute from it."""
 
     camera: Camera
     depth_m: np.ndarray
@@ -62,7 +62,7 @@ class Mesh:
 
 
 def camera_at(angle_rad: float) -> Camera:
-    """A Kinect v2 2.4 m from the origin, turned about the vertical."""
+    """Return a Kinect v2 at 2.4 m from the origin, turned about the vertical."""
     turn = np.array([[np.cos(angle_rad), 0, np.sin(angle_rad)], [0, 1, 0], [-np.sin(angle_rad), 0, np.cos(angle_rad)]])
     pose = np.eye(4)
     pose[:3, :3] = turn @ [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]]
@@ -78,7 +78,9 @@ def camera_at(angle_rad: float) -> Camera:
 
 
 def render(camera: Camera, seed: int) -> np.ndarray:
-    """(height, width) depth of the mean adult in rest pose, 0 beside it, with 3 mm of noise and 1 mm steps."""
+    """Return (height, width) depth of the mean adult in rest pose, 0 beside the body, with 3 mm of noise and 1 mm
+    steps.
+    """
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -105,7 +107,7 @@ def make_frame(seed: int, angle_rad: float = 0.0, step: int = 2) -> Frame:
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["full", "half"])
 def frames(request) -> tuple[Frame, Frame]:
-    """Two frames of one pose under other noise."""
+    """Return two frames of one pose with different noise."""
     one, two = make_frame(0, step=request.param), make_frame(1, step=request.param)
     assert one.anchors.found.sum() >= 4, "the figure should show its limbs"
     return one, two
@@ -113,7 +115,7 @@ def frames(request) -> tuple[Frame, Frame]:
 
 @pytest.fixture(scope="module")
 def mesh(frames) -> Mesh:
-    """The first frame's largest piece as the libraries take it: vertices, faces, five vertices to measure from."""
+    """Return the largest piece of the first frame's mesh as libraries take it, with five vertices to measure from."""
     surface = frames[0].surface
     triangles = largest_piece(manifold(faces(surface)), len(surface))
     used, corners = np.unique(triangles, return_inverse=True)
@@ -122,7 +124,9 @@ def mesh(frames) -> Mesh:
 
 
 def manifold(triangles: np.ndarray) -> np.ndarray:
-    """The triangles less those at edges of more than two, or at nodes where several fans meet: refused by libraries."""
+    """Return the triangles without those that libraries refuse: at edges of more than two triangles, or at nodes where
+    several fans of triangles meet.
+    """
     while True:
         sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         ends, number, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
@@ -134,7 +138,7 @@ def manifold(triangles: np.ndarray) -> np.ndarray:
 
 
 def largest_piece(triangles: np.ndarray, count: int) -> np.ndarray:
-    """The triangles that hang together, most of them; the exact method has no answer elsewhere."""
+    """Return the triangles of the largest connected piece; the exact method gives no distances on other pieces."""
     sides = triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_array((np.ones(len(sides), np.int8), sides.T), shape=(count, count))
     piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
@@ -206,7 +210,7 @@ def test_geodesic_extrema(benchmark, frames):
 
 
 def test_caps_of_the_extrema(benchmark, frames):
-    """Field from V_c, extrema and caps: ``find_anchors`` less what joins pieces and gives names."""
+    """Time the field from V_c, extrema and caps: ``find_anchors`` without joining pieces and naming anchors."""
     surface = frames[0].surface
 
     def caps() -> list[Cap]:
@@ -225,7 +229,7 @@ def test_find_anchors(benchmark, frames):
 
 
 def expected_skin() -> ExpectedSkin:
-    """The figure as a tracker would predict it."""
+    """Return the skin of the figure as a tracker would predict it."""
     points, shape = skin_points(load_body_asset()), FittedShape(np.zeros(0), even_clothes(0.0))
     body = build_body(points, shape)
     place = body.rest_m - [0.0, body.mesh.vertices[:, 1].min(), 0.0]
@@ -234,7 +238,7 @@ def expected_skin() -> ExpectedSkin:
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 0.8, -0.8)], ids=["one", "three"])
 def test_depth_to_anchors(benchmark, angles):
-    """Of a tracked person, every second pixel: surface with hidden skin, border, anchors."""
+    """Time the surface with hidden skin, its border and the anchors of a tracked person, on every second pixel."""
     cameras = [camera_at(angle) for angle in angles]
     views, expected = [], expected_skin()
     for camera in cameras:
@@ -258,7 +262,7 @@ def test_match_hypotheses(benchmark, frames):
 
 
 def test_reference_five_fields_dijkstra_scipy(benchmark, frames):
-    """Without building the graph."""
+    """Time Dijkstra's algorithm of scipy, without building the graph."""
     surface = frames[0].surface
     graph, sources = edge_graph(surface), np.linspace(0, len(surface) - 1, 5).astype(np.int32)
     benchmark(dijkstra, graph, directed=False, indices=sources)
@@ -297,7 +301,7 @@ def test_reference_five_fields_exact_pygeodesic(benchmark, mesh):
 
 
 def point_cloud(open3d, frame: Frame):
-    """The raw readings as Open3D takes them, in the camera's frame."""
+    """Return the raw readings as Open3D takes them, in the camera's frame."""
     seen = frame.mask.copy()
     seen[np.arange(len(seen)) % frame.step != 0] = False
     seen[:, np.arange(seen.shape[1]) % frame.step != 0] = False

@@ -1,8 +1,8 @@
-"""How long a prediction takes with 100,000 frames of reference movements: pytest benchmarks/test_motions.py.
+"""Time a prediction with 100,000 frames of reference movements: pytest benchmarks/test_motions.py.
 
-The skeletons of UI-PRMD, those of one subject asked for and those of the others searched; skipped where
-ANCHORPOSE_SKELETONS does not name the file. ``plain`` looks at every sub-list, as the search does where joints are
-missing.
+Movements of one subject of UI-PRMD are predicted from those of the other subjects; the benchmark is skipped if
+ANCHORPOSE_SKELETONS does not name the file with the skeletons. ``plain`` compares with every sub-list of the database,
+as the search does if joints are missing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def skeletons():
 
 @pytest.fixture(scope="module")
 def searched(skeletons):
-    """The others' clips, some of them twice, until there are enough frames; and the database of them."""
+    """Return the database of the other subjects' clips, some of them used twice, so that it has enough frames."""
     others = [
         clip for clip, name in zip(skeletons.joints_m, skeletons.names, strict=True) if f"_s{ASKED:02d}_" not in name
     ]
@@ -55,7 +55,7 @@ def histories(skeletons):
 def test_search(benchmark, searched, histories, way, count):
     asked = cycle([pose_vectors(history)[-CONFIG.history :] for history in histories])
     lacking = cycle([np.where(np.arange(67) == 62, np.nan, pose) for pose in map(next, [asked] * len(histories))])
-    source = asked if way == "index" else lacking  # one column of 63 missing: no bounds
+    source = asked if way == "index" else lacking  # one of 63 columns is missing, so the search has no bounds
     benchmark.extra_info["sub-lists"] = len(searched.sublists.place)
     benchmark.pedantic(
         lambda: best_sublists(next(source), searched, 3, count, CONFIG.displacement_weight),

@@ -2,8 +2,8 @@
 
     python benchmarks/tracking.py RECORDING RESULTS CONFIG_JSON      (what ``track`` below starts)
 
-The results folder also gets ``cost.json``: processor seconds until the body is learnt and in all, without those that
-numba spent on compiling; the peak memory; the frames; and the sentence of a refusal, where there was one.
+The results folder also gets ``cost.json``: processor seconds until the body is learnt and in total, both without those
+that numba spent on compiling; the peak memory; the number of frames; and, for a refused recording, the reason.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from typing import Any, Final
 
 COST_FILE: Final = "cost.json"
 ONE_THREAD: Final = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-MB: Final = 1024.0  # kilobytes, as Linux counts the peak
+MB: Final = 1024.0  # kilobytes, the unit in which Linux gives the peak memory
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a run took. start_s, total_s: processor seconds until the first tracked frame, and in all; refused: why the
-    recording was refused, empty where it was tracked."""
+    """The cost of a run. start_s, total_s: processor seconds until the first tracked frame, and in total; refused: why
+    the recording was refused, empty where it was tracked.
+    """
 
     start_s: float
     total_s: float
@@ -36,7 +37,7 @@ class Cost:
 
     @property
     def frame_ms(self) -> float:
-        """Processor milliseconds per frame after the start; NaN without a frame."""
+        """Return processor milliseconds per frame, without those of the start; NaN without a frame."""
         return 1e3 * (self.total_s - self.start_s) / self.frames if self.frames else float("nan")
 
 
@@ -51,12 +52,12 @@ def track(source: Path, recording: Path, results: Path, config: Mapping[str, Any
 
 
 def read_cost(results: Path) -> Cost:
-    """Return what an earlier run took."""
+    """Return the cost of an earlier run."""
     return Cost(**json.loads((results / COST_FILE).read_text(encoding="utf-8")))
 
 
 def main() -> None:
-    """Track and write the cost; runs under the version that is measured."""
+    """Track and write the cost; this function runs with the version of the code that is measured."""
     import resource
     import time
 

@@ -1,4 +1,4 @@
-"""The code that is measured: this working tree, or a commit beside it."""
+"""The versions of the code that are measured: this working tree, and a commit to compare it with."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ ARCHIVED: Final = ("src", "benchmarks", "tests/builders")  # a probe may use a b
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """Code in a folder with ``src`` and ``benchmarks``, and how it is set.
+    """Code in a folder with ``src`` and ``benchmarks``, and the settings that it is run with.
 
-    digest: of everything that results depend on; settings: of TrackConfig, that differ from the defaults.
+    digest: of all code and data that results depend on; settings: those of TrackConfig that differ from the defaults.
     """
 
     title: str
@@ -33,7 +33,7 @@ class Version:
 
     @property
     def source(self) -> Path:
-        """The folder that goes on Python's path."""
+        """Return the folder to put on Python's path."""
         return self.root / "src"
 
 
@@ -43,7 +43,7 @@ def working_tree() -> Version:
 
 
 def without(source: str) -> Version:
-    """Return the code as it stands without a source of proposals, and without the doubts that it casts."""
+    """Return the code as it stands with a source of proposals switched off, also as a reason to doubt a pose."""
     settings = {"registration": {"sources": [str(one) for one in Source if one != source]}}
     now = working_tree()
     return replace(now, title=f"without {source}", digest=digest_of(now.digest, source), settings=settings)
@@ -64,7 +64,7 @@ def at_commit(commit: str, cache: Path) -> Version:
 
 
 def commit_of_code() -> str:
-    """Return the last commit that changed the program or its benchmarks; raises SystemExit for changes without one."""
+    """Return the last commit that changed the program or its benchmarks. Raises SystemExit for uncommitted changes."""
     if changed := _git("status", "--porcelain", "--", *ARCHIVED).decode().strip():
         raise SystemExit(f"--docs: commit these first, since every figure names the commit it is of:\n{changed}")
     return _git("log", "-1", "--format=%h", "--abbrev=10", "--", *ARCHIVED).decode().strip()

@@ -1,7 +1,7 @@
-"""Count the work of tracking and time its kernels alone: what a frame needs at least, on any machine.
+"""Count the work of tracking and time its kernels alone, to find what a frame needs at least, on any machine.
 
-Every kernel that Python calls is wrapped: numba's of the package, the decoding of a depth image, and the network.
-What one kernel calls within another belongs to that. Counting begins when the body is learnt.
+Every kernel that Python calls is wrapped: the package's numba functions, the decoding of a depth image, and the
+network. What a kernel calls in another kernel belongs to the calling kernel. Counting begins when the body is learnt.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from anchorpose.surface import mesh
 from anchorpose.tracker.config import TrackConfig
 
 SAMPLES: Final = 24  # calls of each kernel that are kept to be repeated
-REPEATS: Final = 5  # of each, of which the fastest counts
+REPEATS: Final = 5  # repetitions of each kept call, of which the fastest counts
 
 
 @dataclass(slots=True)
@@ -38,13 +38,13 @@ class Kernel:
     kept: list[tuple[tuple[Any, ...], dict[str, Any]]] = field(default_factory=list)
 
     def note(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-        """Count a call; its arguments are kept where the number of calls is a power of two, and first of all."""
+        """Count a call; keep its arguments if it is among the first calls or the number of calls is a power of two."""
         self.calls += 1
         if len(self.kept) < SAMPLES and (self.calls <= SAMPLES // 2 or self.calls & (self.calls - 1) == 0):
             self.kept.append((args, kwargs))
 
     def best_ms(self) -> float:
-        """Mean over the kept calls of the fastest repetition of each, milliseconds of processor time."""
+        """Return the mean over the kept calls, in milliseconds, of the fastest repetition of each call."""
         fastest = list[float]()
         for args, kwargs in self.kept:
             took = list[float]()
@@ -60,7 +60,8 @@ class Kernel:
 class Work:
     """What tracking did after the body was learnt.
 
-    frames: tracked; spent_ms: processor time of them; kernels: by name; counts: of other things that were worked on.
+    frames: number of tracked frames; spent_ms: their processor time; kernels: by name; counts: of the operations in
+    ``COUNTED``.
     """
 
     frames: int = 0
@@ -69,7 +70,7 @@ class Work:
     counts: dict[str, float] = field(default_factory=dict)
 
     def per_frame(self) -> dict[str, float]:
-        """The counts of a frame: compiled calls, and what ``COUNTED`` names."""
+        """Return the counts per frame: of compiled calls, and of the operations in ``COUNTED``."""
         calls = sum(kernel.calls for kernel in self.kernels.values())
         return {"compiled calls": calls / self.frames} | {k: n / self.frames for k, n in self.counts.items()}
 
@@ -87,7 +88,7 @@ COUNTED: Final[dict[str, tuple[Callable[..., Any], Count]]] = {
 
 @contextmanager
 def counted(work: Work) -> Iterator[None]:
-    """Count into ``work`` what happens meanwhile."""
+    """Count kernel calls and the operations in ``COUNTED`` into ``work`` until the context ends."""
     wrappers = dict[int, Callable[..., Any]]()
     for name, (function, count) in COUNTED.items():
         work.counts[name] = 0.0

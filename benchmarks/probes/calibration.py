@@ -1,7 +1,8 @@
-"""How far off the cameras' poses are that are found from the equipment of one clinic.
+"""Measure the errors of the camera poses that are found from the equipment of one clinic.
 
-Calibrated with the depth image of the empty room, without it (people always in view), and with the equipment.json of
-another clinic, which must be refused. A pose is wrong if it is off by more than 20 mm at the equipment or 1 degree.
+The cameras are calibrated with the depth image of the empty room, without it (people are always in view), and with the
+equipment.json of another clinic, which must be refused. A pose is wrong if it is off by more than 20 mm at the
+equipment or 1 degree.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def _scores(recording: Recording, frames: list[FrameSet], true: tuple[Camera, ..
 
 
 def _errors(found: Camera, true: Camera, middle_m: np.ndarray) -> tuple[float, float, float]:
-    """Return millimetres at the equipment's middle, degrees, and millimetres of the camera's own place."""
+    """Return the errors in mm at the equipment's middle, in degrees, and in mm at the camera's own place."""
     T_found, T_true = found.require_pose(), true.require_pose()
     shift_m = transform_points(T_found @ np.linalg.inv(T_true), middle_m) - middle_m
     place_m = found.position_m - true.position_m

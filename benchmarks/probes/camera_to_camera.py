@@ -1,4 +1,4 @@
-"""How well cameras without poses and without equipment are placed, from the floor and people in common view."""
+"""Measure how well cameras are placed without poses or equipment, from the floor and people seen by several cameras."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from anchorpose.recording.reader import open_recording, read_frames
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Place the cameras by the moments that ``track`` would use."""
+    """Place the cameras by the frames that ``track`` would use, and yield one row of errors."""
     recording, config = open_recording(scene.recording), PlacingConfig()
     frames = list(read_frames(recording))
     moments = [frames[k] for k in np.linspace(0, len(frames) - 1, config.moments).astype(int)]

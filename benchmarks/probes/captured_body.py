@@ -1,8 +1,8 @@
-"""How far the learnt body's skin lies from a captured surface: TRUTH holds skin_m (t, v, 3) and faces (f, 3).
+"""Measure how far the learnt body's skin is from a captured surface; TRUTH holds skin_m (t, v, 3) and faces (f, 3).
 
-The recording is tracked, and the learnt body is posed as poses.parquet states. Measured is the skin in view of a
-camera, of the parts that no skirt covers: its distance to the nearest place of the surface; signed_mm is positive
-outside.
+The recording is tracked, and the learnt body is posed as poses.parquet states. For skin that a camera sees, on the
+parts that the skirt does not cover, the distance to the nearest place of the surface is measured; signed_mm is positive
+outside the surface.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from anchorpose.results.tables import POSES_FILE, PoseTable, pose_of, read_poses
 from anchorpose.simulate.render import PATIENT, Figure, draw_figures, render_still
 
 NEAR_MM: Final = 12.0
-SAME_SKIN_M: Final = 0.015  # behind the body's own depth: the inside of the mouth lies deeper
-CANDIDATES: Final = 4  # vertices whose faces may hold the nearest place
+SAME_SKIN_M: Final = 0.015  # skin in view is at most so far behind the body's front; the mouth's inside is deeper
+CANDIDATES: Final = 4  # number of nearest vertices, whose faces may hold the nearest place
 BARE: Final = {
     "head": ("Head",),
     "upper arms": ("LeftArm", "RightArm"),
@@ -47,12 +47,12 @@ BARE: Final = {
     "shanks": ("LeftLeg", "RightLeg"),
     "feet": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
 }
-"""The bones whose skin is measured: the skirt hangs from the trunk over hips and thighs."""
+"""The bones whose skin is measured. Trunk, hips and thighs are left out, since a skirt hangs over them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A captured surface. skin_m (t, v, 3); faces (f, 3); around (v, k): the faces at each vertex, -1 beyond."""
+    """A captured surface. skin_m (t, v, 3); faces (f, 3); around (v, k): the faces at each vertex, then -1."""
 
     skin_m: np.ndarray
     faces: np.ndarray
@@ -85,7 +85,7 @@ class Surface:
 
 
 def nearest_in_triangles(points_m: np.ndarray, corners_m: np.ndarray) -> np.ndarray:
-    """Return the barycentric coordinates (..., 3) of the place of triangles (..., 3, 3) nearest to points (..., 3)."""
+    """Return the place in triangles (..., 3, 3) nearest to points (..., 3), as barycentric coordinates (..., 3)."""
     a, ab, ac = (
         corners_m[..., 0, :],
         corners_m[..., 1, :] - corners_m[..., 0, :],
@@ -110,7 +110,7 @@ def nearest_in_triangles(points_m: np.ndarray, corners_m: np.ndarray) -> np.ndar
 
 
 def track(recording: Path, results: Path) -> tuple[Body, PoseTable]:
-    """Track, and return the learnt body with its poses: run.json lacks how far the patches of skin stand off."""
+    """Track, and return the learnt body and its poses. run.json does not hold the offsets of the skin's patches."""
     results.mkdir()
     learnt_shapes: list[FittedShape] = []
 
@@ -139,7 +139,7 @@ def in_view(body: Body, posed: PosedPoints, cameras: Sequence[Camera]) -> np.nda
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Compare every frame that is not lost; one row per part, and one of all."""
+    """Compare all frames in which the patient is not lost; yield one row for all parts, and one per part."""
     surface, cameras, asset = Surface.read(scene.truth), open_recording(scene.recording).cameras, load_body_asset()
     with TemporaryDirectory() as work:
         body, poses = track(scene.recording, Path(work) / "results")

@@ -1,7 +1,8 @@
-"""How well the cameras' clocks are found, with known poses and without.
+"""Measure how well the cameras' clocks are found, with known poses and without.
 
-Ten minutes of a clinic, of which only the images that the estimate reads are rendered. Errors are those of the times
-that images get on the first camera's clock: in the middle of the recording (offset) and between its ends (drift).
+The recording is ten minutes of a clinic, of which only the images that the estimate reads are rendered. An error is
+that of the time which an image gets on the first camera's clock: the offset is the error in the middle of the
+recording, the drift is the difference between the errors at its ends.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class LazyClinic:
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
-        """The stamps of each camera's images."""
+        """Return the time stamps of each camera's images."""
         return tuple(record.stamp_s[record.kept] for record in self.records)
 
     def read(self, camera: int, position: int) -> np.ndarray:
@@ -57,7 +58,7 @@ class LazyClinic:
 
 
 def lazy_clinic(config: SimulationConfig) -> LazyClinic:
-    """Set up the rooms and stamps; nobody is rendered yet."""
+    """Set up the rooms and time stamps, without rendering people yet."""
     clinic, spec = draw_clinic(config), SENSORS[config.sensor]
     numbers = range(config.cameras)
     return LazyClinic(
@@ -70,7 +71,7 @@ def lazy_clinic(config: SimulationConfig) -> LazyClinic:
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Estimate the clocks twice."""
+    """Estimate the clocks with and without camera poses."""
     config, known = scene.simulated, lazy_clinic(scene.simulated)
     levels = [level_of_pose(camera.require_pose()) for camera in known.cameras]
     blind = replace(known, cameras=tuple(replace(camera, T_world_camera=None) for camera in known.cameras))
@@ -81,7 +82,7 @@ def measure(scene: Scene) -> Iterator[Row]:
 
 
 def _scores(config: SimulationConfig, clocks: Clocks, camera: int) -> dict[str, float]:
-    """Return the errors of one clock; those of a clock that was kept as it is do not count."""
+    """Return the errors of one clock; no errors of a clock that was kept without an estimate."""
     found = clocks.cameras[camera]
     if found.doubt is not None:
         return {"kept": 1.0}

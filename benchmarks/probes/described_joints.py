@@ -1,6 +1,7 @@
-"""How far the joints of an ordinary body, fitted to the learnt descriptor alone, are from labels by eye.
+"""Measure how far the joints of an ordinary body, fitted to the learnt descriptor alone, are from labels by eye.
 
-Single images of MSR Action3D, which hold nobody else: no surface, no earlier frame, no shape but a stature.
+The body is fitted in single images of MSR Action3D, which show one person, without surface or earlier frames; its shape
+is that of an ordinary person of the fitted stature.
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ from anchorpose.recording.reader import open_recording, read_frames
 from anchorpose.research.benchmark.labels import LABELLERS, LabelledPerson, off_m, read_label_set
 
 LABELS: Final = Path(__file__).resolve().parent.parent / "labels"
-FAR_M: Final = 1.0  # what is before or far behind the labelled skin
+FAR_M: Final = 1.0  # distance that counts for a joint in front of or far behind the labelled skin
 SMALL: Final = ("Wrist", "Hand")
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Yield one row of a sequence's labelled frames, where something is labelled clearly."""
+    """Yield one row for the labelled frames of a sequence; no row if no joint is labelled clearly."""
     recording = open_recording(scene.recording)
     first, second = (read_label_set(LABELS, "msr_action3d", name)[scene.recording.name] for name in LABELLERS)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
@@ -58,7 +59,7 @@ def measure(scene: Scene) -> Iterator[Row]:
 
 
 def _matches(depth_m: np.ndarray, camera: Camera) -> Matches:
-    """All that was read counts as the patient: the recordings' background was removed."""
+    """Return the descriptor's matches. Every reading counts as the patient, since these images have no background."""
     labels = np.where(depth_m > 0, PixelLabel.PATIENT, 0).astype(np.uint8)
     return matches_of([View(depth_m, labels)], [camera], PixelLabel.PATIENT)
 
@@ -69,7 +70,7 @@ def _joints_m(person: MatchedPerson) -> np.ndarray:
 
 
 def _between(one: LabelledPerson, other: LabelledPerson) -> LabelledPerson:
-    """Return the person half-way between two labellers, with the joints that are unclear to neither."""
+    """Return the labelled person with each joint half-way between both labels, without joints unclear to a labeller."""
     both = (one.joints.keys() & other.joints.keys()) - one.unclear - other.unclear
     middle = {name: tuple(np.mean([one.joints[name], other.joints[name]], axis=0).tolist()) for name in sorted(both)}
     return replace(one, joints=middle)

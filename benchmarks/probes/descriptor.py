@@ -1,4 +1,4 @@
-"""What the learnt descriptor says of simulated images: who is a person, and on which part and side of the body.
+"""Measure how well the learnt descriptor finds people, and the part and side of the body, in simulated images.
 
 Only readings on a surface are counted: within 3 cm of the true depth at their pixel. The simulator's people, clothes,
 rooms and sensors are not those that the descriptor was trained on (``tools/descriptor``).
@@ -22,7 +22,7 @@ from anchorpose.simulate.render import PATIENT, TrueImage
 from anchorpose.simulate.shoot import set_up
 
 ON_IT_M: Final = 0.03
-MOMENTS: Final = 4  # of each scene
+MOMENTS: Final = 4  # frames described per scene
 
 
 def _side(names: tuple[str, ...]) -> np.ndarray:
@@ -41,8 +41,9 @@ class Judge:
         self.part, self.side = asset.main_bone(), _side(asset.bone_names)
 
     def count(self, said: Described, depth_m: np.ndarray, true: TrueImage) -> np.ndarray:
-        """Return (8,) counts of pixels: people, of them found, others, of them called people; of people found: all,
-        right part, with a side, on the other side."""
+        """Return (8,) counts of pixels: people, people that are found, other things, other things called people; then
+        of found people: all, with the right part, on a part with a side, and on the wrong side.
+        """
         here = said.row, said.column
         on_it = said.read & (np.abs(depth_m[here] - true.depth_m[here]) < ON_IT_M)
         person, found = on_it & (true.label[here] >= PATIENT), said.person >= 0.5
@@ -57,7 +58,7 @@ class Judge:
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Describe some moments of the scene, all cameras."""
+    """Describe the images of all cameras in some frames of the scene, and yield one row of scores."""
     studio, judge = set_up(draw_clinic(scene.simulated)), Judge()
     total, took_s = np.zeros(8), []
     for frame in np.linspace(0, scene.simulated.frames - 1, MOMENTS).astype(int).tolist():

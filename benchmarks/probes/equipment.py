@@ -1,8 +1,8 @@
-"""How good the proposed equipment is, from three empty rooms' depth images of a clinic and from the front one alone.
+"""Score the equipment proposed from depth images of an empty clinic, by three cameras and by the front camera alone.
 
-explained: share of the frame's pixels within 15 mm of the proposal; wrong: share of the proposal's pixels farther than
-that from the frame; found: share of the true parts. Of the parts that are found, medians of the errors of cross-section
-and length, and of the distance of the middle lines.
+explained: share of the true equipment's pixels within 15 mm of the proposal; wrong: share of the proposal's pixels
+farther than 15 mm from the true equipment; found: share of the true parts that are found. For the found parts, the
+other scores are the median errors of cross-section and length, and the median distance of the middle lines.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Bar = Box | Cylinder
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Propose from some cameras, and judge in these."""
+    """Propose equipment from some cameras, and judge the proposal in the images of these cameras."""
     recording = open_recording(scene.recording)
     truth, rooms_m = recording.equipment, [room for room in recording.backgrounds_m if room is not None]
     assert truth is not None
@@ -53,7 +53,7 @@ def _scores(found: EquipmentModel, truth: EquipmentModel, cameras: tuple[Camera,
 
 
 def _surface(camera: Camera, model: EquipmentModel) -> np.ndarray:
-    """Return where (n, 3) the camera's rays meet the model first, world."""
+    """Return the points (n, 3), world, at which the camera's rays first meet the model."""
     rays, depth_m = camera.pixel_rays(), equipment_depth(camera, model)
     points = np.concatenate([rays * depth_m[..., None], depth_m[..., None]], axis=2)[depth_m > 0]
     return transform_points(camera.require_pose(), points.astype(np.float64))

@@ -1,6 +1,6 @@
-"""How much more probable the right body is than the same turned round, where both are followed side by side.
+"""Measure how much more probable the right body is than the body turned round, if both are tracked side by side.
 
-``body.rivals.LIMB_ERROR`` and ``MEMORY`` stand for what this measures where little of a body is seen.
+``LIMB_ERROR`` and ``MEMORY_S`` of ``body.rivals`` stand for what this probe measures if little of a body is seen.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SIDES = [JOINT_INDEX["ShoulderLeft"], JOINT_INDEX["ShoulderRight"]]
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Yield one row with the lead of the right facing in nats, and how much of it the next frame repeats."""
+    """Yield one row: median and spread (nats) of the right facing's lead, and its correlation from frame to frame."""
     with np.load(scene.truth) as archive:
         truth_m = archive["joints"]
     time_pass, *_ = passes_through(scene)
@@ -46,7 +46,7 @@ def measure(scene: Scene) -> Iterator[Row]:
 
 
 def _followed(tracker: PatientTracker, other: PoseBelief | None, elapsed_s: float) -> PoseBelief | None:
-    """The body turned round, registered to the frame; begun again from the tracked one where it was lost."""
+    """Register the turned body to the frame; None if it is lost. Without ``other``, begin from the tracked body."""
     body, evidence = tracker.body, tracker.window[0].evidence
     begun = other.later(other.pose, elapsed_s) if other is not None else _turned(tracker)
     found = register(body, begun, evidence, no_constraints(), tracker.config.registration)
@@ -54,7 +54,7 @@ def _followed(tracker: PatientTracker, other: PoseBelief | None, elapsed_s: floa
 
 
 def _turned(tracker: PatientTracker) -> PoseBelief:
-    """The most probable of the ways to turn the tracked body round: by its joints, and by the descriptor's matches."""
+    """Return the most probable way to turn the tracked body round, by its joints or by the descriptor's matches."""
     body, evidence, pose = tracker.body, tracker.window[0].evidence, tracker.belief.pose
     matches = matches_of(evidence.views, evidence.cameras, PixelLabel.PATIENT)
     turned = [list(exchanged(body, pose))[-1]]
@@ -66,7 +66,7 @@ def _turned(tracker: PatientTracker) -> PoseBelief:
 
 
 def _facing(joints_m: np.ndarray, truth_m: np.ndarray) -> float:
-    """Above 0 where both face the same way."""
+    """Return a number above 0 if the found and the true joints face the same way."""
     (left, right), (true_left, true_right) = joints_m[SIDES], truth_m[SIDES]
     return float((left - right)[[0, 2]] @ (true_left - true_right)[[0, 2]])
 

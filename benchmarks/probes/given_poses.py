@@ -1,8 +1,8 @@
-"""What becomes of a recording with wrong poses: it is refused, noted, or not noticed.
+"""Measure whether wrong poses of cameras are refused, noted, or not noticed.
 
-A recording of three cameras with right poses is spoilt: one camera shifted or turned, two cameras' folders exchanged,
-one camera upside down, the equipment elsewhere than equipment.json has it. Each is asked as ``track`` asks, with all
-cameras and with the spoilt camera alone. noted_mm: the displacement that was measured.
+Copies of a recording by three cameras with right poses are made wrong: one camera is shifted or turned, two cameras'
+folders are exchanged, one camera is upside down, or the equipment is elsewhere than equipment.json states. Each copy is
+checked as ``track`` checks it, with all cameras and with the wrong camera alone. noted_mm: measured displacement.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Spoil = Callable[[Path, Document], None]
 
 
 def moved(shift_m: float = 0.0, turn_deg: float = 0.0, axis: str = "up") -> Spoil:
-    """Return what shifts or turns the spoilt camera: about ``up`` is yaw, ``sideways`` pitch, ``towards`` roll."""
+    """Return a function that shifts or turns a camera: about ``up`` is yaw, ``sideways`` pitch, ``towards`` roll."""
 
     def spoil(folder: Path, document: Document) -> None:
         camera = _camera(document)
@@ -51,7 +51,7 @@ def moved(shift_m: float = 0.0, turn_deg: float = 0.0, axis: str = "up") -> Spoi
 
 
 def published(folder: Path, document: Document) -> None:
-    """Put every camera 2 cm and 0.7 degrees off, with a focal length 1.5 % wrong: as published data sets are."""
+    """Put every camera 2 cm and 0.7 degrees off, with a focal length 1.5 % wrong, as in published data sets."""
     rng = np.random.default_rng(len(document["cameras"]))
     for camera in document["cameras"]:
         T = np.array(camera["camera_to_world"])
@@ -72,7 +72,7 @@ def exchanged(folder: Path, document: Document) -> None:
 
 
 def upside_down(folder: Path, document: Document) -> None:
-    """Turn the spoilt camera's images by 180 degrees, the empty room's too."""
+    """Turn the wrong camera's images by 180 degrees, also its image of the empty room."""
     own = folder / _camera(document)["name"]
     for path in [*own.glob("depth/*.png"), *own.glob("background.png")]:
         grey = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -80,7 +80,7 @@ def upside_down(folder: Path, document: Document) -> None:
 
 
 def equipment_elsewhere(folder: Path, document: Document) -> None:
-    """Write another place into equipment.json, while everything stays where it stands."""
+    """Write another place of the equipment into equipment.json, without changing the images."""
     path = folder / "equipment.json"
     if path.exists():
         equipment = json.loads(path.read_text(encoding="utf-8"))
@@ -111,7 +111,7 @@ SPOILS: Final[dict[str, Spoil]] = {
 
 
 def spoilt_copy(recording: Path, out: Path, spoil: Spoil, alone: bool = False) -> Path:
-    """Write a spoilt copy of a recording; alone: of the spoilt camera only."""
+    """Write a copy of a recording and make it wrong. alone: copy only the wrong camera."""
     shutil.copytree(recording, out)
     document = json.loads((out / "recording.json").read_text(encoding="utf-8"))
     if alone:
@@ -122,7 +122,7 @@ def spoilt_copy(recording: Path, out: Path, spoil: Spoil, alone: bool = False) -
 
 
 def ask(folder: Path, clocks: Clocks) -> dict[str, float]:
-    """Ask as ``track`` asks before it looks for the patient; clocks: as found with the right poses."""
+    """Check the poses as ``track`` does before it looks for the patient. clocks: as found with the right poses."""
     config, recording = TrackConfig(), open_recording(folder)
     timed = align_clocks(recording, clocks.clocks[: len(recording.cameras)])
     chosen, samples = sample_recording(timed, config)
@@ -138,7 +138,7 @@ def ask(folder: Path, clocks: Clocks) -> dict[str, float]:
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Spoil the recording in every way."""
+    """Make copies of the recording wrong in every way, and check them."""
     opened = open_recording(scene.recording)
     clocks = settle_clocks(opened, opened.cameras, TrackConfig().clocks)[1]
     for name, spoil in SPOILS.items():

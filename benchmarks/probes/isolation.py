@@ -1,7 +1,8 @@
-"""How many person labels of tracking are right in a simulated clinic.
+"""Measure how many person labels of tracking are right in a simulated clinic.
 
 Only readings on a surface are counted: within 3 cm of the true depth at their pixel, and not on the outermost pixels of
-anything, which the sensor mixes with what is beside them. held: frames in which another person touches the patient.
+a person or thing, where the sensor mixes the depths on both sides. held: scores of the frames in which another person
+touches the patient.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def count(views: Sequence[View | None], shot: Shot) -> Counter[str]:
 
 
 def tracked_views(recording: Recording, config: TrackConfig) -> Iterator[tuple[int, Sequence[View | None]]]:
-    """Yield the frame numbers and the labels of each camera that tracking used."""
+    """Track the recording; yield the number of each frame, and for each camera the labels that tracking used."""
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
     route = plan_route(room, config, lambda: None)

@@ -1,7 +1,7 @@
-"""A tracker made wrong and confident in the middle of a recording.
+"""Give a tracker a wrong pose in the middle of a recording, with the confidence of the right pose.
 
-The pose and the poses before it are spoilt, with the covariance that the right pose had; and the frames that the
-tracker has already observed are observed again as it would have done with the wrong pose in mind.
+The tracker's pose and the poses before it are made wrong, but keep the covariance of the right pose. The frames that
+the tracker has already observed are observed again, as the tracker would have done after predicting the wrong pose.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from anchorpose.tracker.observing import Window, isolate, observe
 from anchorpose.tracker.patient import PatientTracker
 
 SEEN_AGAIN: Final = 3
-"""Frames before the last estimated one that are observed again: what isolation remembers of other people then comes
-from a wrong patient as well."""
+"""Number of frames before the last estimated frame that are observed again, so that the memory of other people also
+comes from a wrong pose of the patient."""
 
 
 @dataclass(slots=True, eq=False)
 class Past:
-    """What the tracker's own state no longer holds of the last frames: poses and observations, the last one last."""
+    """Poses and observations of the last frames, oldest first, which the tracker's own state does not keep."""
 
     poses: deque[Pose]
     seen: deque[Observation]
@@ -44,29 +44,29 @@ class Past:
         return past
 
     def note(self, tracker: PatientTracker) -> None:
-        """Add the frame that was estimated last."""
+        """Add pose and observation of the frame that the tracker estimated last."""
         self.poses.append(tracker.belief.pose)
         self.seen.append(tracker.window[0])
 
     @property
     def full(self) -> bool:
-        """Whether enough frames have gone by to spoil the tracker as a whole."""
+        """Return whether enough frames have been noted to make all poses of a tracker wrong."""
         return len(self.poses) == self.poses.maxlen and len(self.seen) == self.seen.maxlen
 
 
 def fork(tracker: PatientTracker) -> PatientTracker:
-    """Return a tracker in the same state; what no tracker changes (run, body, observations) is shared."""
+    """Return a copy of a tracker in its state; parts that no tracker changes (run, body, observations) are shared."""
     shared = [tracker.run, tracker.config, tracker.points, tracker.shape, tracker.body, tracker.map]
     shared += [tracker.belief, tracker.last.seen, tracker.first, *tracker.window.seen, *tracker.window.frames]
     return copy.deepcopy(tracker, {id(value): value for value in shared})
 
 
 def kidnap(tracker: PatientTracker, past: Past, spoil: Spoil) -> PatientTracker:
-    """Return a fork whose limbs are and were elsewhere, and which is as confident of it as the tracker was."""
+    """Return a copy with wrong poses now and in the past, as confident of them as the tracker is of the right poses."""
     kidnapped, body = fork(tracker), tracker.body
     poses = [spoilt(body, pose, spoil) for pose in past.poses]
     kidnapped.belief = replace(tracker.belief, pose=poses[-1])
-    remembered = poses[len(poses) - len(tracker.history) :]  # fewer where the tracker has forgotten its movement
+    remembered = poses[len(poses) - len(tracker.history) :]  # fewer if the tracker has cleared its history
     kidnapped.history = deque([body.joints(pose) for pose in remembered], maxlen=tracker.history.maxlen)
     posed = pose_points(body, poses[-1])
     kidnapped.skin_sigma_m = skin_sigma(body, posed, kidnapped.belief.covariance, tracker.config.uncertainty)
@@ -95,7 +95,7 @@ def _observed_with(tracker: PatientTracker, frame_set: FrameSet, pose: Pose, bef
 
 
 def _feet(tracker: PatientTracker, past: Past, poses: list[Pose]) -> StandingFeet:
-    """Return where the feet would have been seen standing: in the frames that are kept, by the spoilt poses."""
+    """Return where the feet would have been seen standing in the kept frames, according to the wrong poses."""
     feet, body = StandingFeet(tracker.points), tracker.body
     for seen, pose in zip(past.seen, poses[-len(past.seen) :], strict=True):
         confident = Registration(replace(tracker.belief, pose=pose), 1.0, True)

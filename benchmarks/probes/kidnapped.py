@@ -1,14 +1,15 @@
-"""Does the evidence win over a wrong prediction?
+"""Measure whether the tracker returns to the right pose after a wrong prediction.
 
-In the middle of a simulated recording the tracker's pose is spoilt (``spoilt_poses.Kind``): an arm is put into the
+In the middle of a simulated recording the tracker's pose is made wrong (``spoilt_poses.Kind``): an arm is put into the
 trunk, the arms are exchanged, a leg is put onto the other, the body is turned round. The tracker is as confident of
 this pose as it was of the right one, the poses that it remembers are spoilt in the same way (``kidnap``), and tracking
-goes on. The pose is right again when, 0.5 s later at the latest and until 1 s, every joint of the limbs concerned is
-within 100 mm of the truth, or within 50 mm more than the error of the undisturbed tracker: by its pose, also of joints
-that it calls lost. Only frames count in which one camera sees most of each of these limbs for that second. The
-recording is tracked forward and backward in time.
+goes on. The pose is right again if, from 0.5 s later at the latest until 1 s later, every joint of the limbs concerned
+is within 100 mm of the truth, or its error is at most 50 mm larger than that of the undisturbed tracker. Joints are
+taken from the tracker's pose, also if it calls them lost. Poses are only made wrong in frames in which one camera sees
+most of each of these limbs for the second that follows. The recording is tracked forward and backward in time.
 
-Scores of each kind: how many trials there were, the share that was right again, the median time until they were.
+Scores of each kind of wrong pose: the number of trials, the share of trials that became right again, and the median
+time until then.
 """
 
 from __future__ import annotations
@@ -40,12 +41,12 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import NoStart, find_start
 
 Choice = TypeVar("Choice")
-RIGHT_M, EXCESS_M = 0.10, 0.05  # of the truth; more than the undisturbed tracker's error
+RIGHT_M, EXCESS_M = 0.10, 0.05  # distance from the truth; error above that of the undisturbed tracker
 WITHIN_S, UNTIL_S = 0.5, 1.0  # after the spoiling: when a limb must be right again, and until when it must stay so
 EPSILON_S: Final = 1e-6  # times are sums of frame periods
-SPOILT_M: Final = 0.15  # off the truth by less, a limb is not spoilt: an arm that lay on the belly anyhow
-HEIGHTS: Final = (0.2, 0.75)  # of a hand in the trunk: from the belly to the chest
-LEAST_LIMBS: Final = 3  # of a body that was turned round, in plain view, the trunk among them
+SPOILT_M: Final = 0.15  # a pose nearer to the truth is not wrong, such as an arm that lay on the belly anyway
+HEIGHTS: Final = (0.2, 0.75)  # at which a hand is put into the trunk: from the belly to the chest
+LEAST_LIMBS: Final = 3  # minimum number of limbs in plain view, the trunk among them, if the body is turned round
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +63,13 @@ class TimePass:
         return build_body(body_points(), self.shape)
 
     def read(self, place: int) -> FrameSet:
-        """Return the frame at a place of ``positions``; the last ones are kept."""
+        """Return the frame at an index of ``positions``; the frames read last are cached."""
         return _read(self.run, self.positions[place])
 
     def trackers(self) -> Iterator[tuple[int, PatientTracker, Estimate]]:
-        """Yield after each estimate how many frames were read, the tracker, not to be changed, and the estimate.
+        """Yield after each estimate the number of frames read, the tracker (not to be changed), and the estimate.
 
-        Ends where the patient is not found or lost.
+        End if the patient is not found or is lost.
         """
         initial = self.run.room.initial_frame
         start = None if initial is None else find_start(self.read(0), self.run, initial.choice, self.shape)
@@ -90,7 +91,7 @@ def _read(run: Run, position: int) -> FrameSet:
 
 
 def passes_through(scene: Scene) -> tuple[TimePass, ...]:
-    """Return the passes to the farther end of a recording and back from there; none where nobody is found."""
+    """Return two passes: to the farther end of a recording, and back from there; no pass if no person is found."""
     recording, config = open_recording(scene.recording), TrackConfig(**scene.settings)
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -104,14 +105,14 @@ def passes_through(scene: Scene) -> tuple[TimePass, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undisturbed:
-    """The tracker without spoiling, by frame in the order of tracking; joints_m (21, 3) also where they are lost."""
+    """Poses of the undisturbed tracker by frame, in the order of tracking. joints_m: (21, 3), also of lost joints."""
 
     joints_m: dict[int, np.ndarray]
     poses: dict[int, Pose]
 
 
 def undisturbed(time_pass: TimePass) -> Undisturbed:
-    """Track the pass once."""
+    """Track a pass without wrong poses."""
     found = Undisturbed({}, {})
     for _, tracker, estimate in time_pass.trackers():
         found.joints_m[estimate.frame_set.frame] = tracker.body.joints(tracker.belief.pose)
@@ -121,10 +122,10 @@ def undisturbed(time_pass: TimePass) -> Undisturbed:
 
 @dataclass(slots=True)
 class Judge:
-    """Judges poses as they come, whatever the states of their joints; ``done`` as soon as the outcome is certain.
+    """Judges the poses after a wrong pose, whatever the states of their joints; ``done`` once the outcome is certain.
 
-    began_s: time of the spoilt frame. joints (k,): those that count. truth_m, undisturbed_m: joints (21, 3) by frame
-    number. right_since_s: None while some joint is wrong.
+    began_s: time of the frame with the wrong pose. joints (k,): those to judge. truth_m, undisturbed_m: joints (21, 3)
+    by frame number. right_since_s: s after began_s; None while some joint is wrong.
     """
 
     began_s: float
@@ -152,19 +153,19 @@ class Judge:
 
     @property
     def recovered_s(self) -> float:
-        """When it was right for good, infinite where that was too late."""
+        """Return the seconds after which the pose was right and stayed right; infinity if that was too late."""
         since_s = self.right_since_s
         return since_s if since_s is not None and since_s <= WITHIN_S + EPSILON_S else float("inf")
 
 
 def draw_spoil(kind: Kind, seed: int, frame: int) -> Spoil:
-    """Draw side and height, the same for the same frame."""
+    """Draw side and height at random, always the same for the same kind, seed and frame."""
     rng = np.random.default_rng([seed, frame, list(Kind).index(kind)])
     return Spoil(kind, ("Left", "Right")[rng.integers(2)], float(rng.uniform(*HEIGHTS)))
 
 
 def judged_joints(spoil: Spoil, visible: Mapping[str, Any]) -> np.ndarray | None:
-    """Return the joints (k,) that count; None where too little is in plain view. visible: each limb, all the time."""
+    """Return the joints (k,) to judge; None if too few limbs are visible. visible: whether a limb is in plain view."""
     limbs = [limb for limb in spoil.limbs if visible[limb]]
     enough = len(limbs) == len(spoil.limbs)
     if spoil.kind is Kind.TURNED_ROUND:
@@ -174,7 +175,7 @@ def judged_joints(spoil: Spoil, visible: Mapping[str, Any]) -> np.ndarray | None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chance:
-    """A frame that may be spoilt, and the joints (k,) that count."""
+    """A frame whose pose can be made wrong, and the joints (k,) to judge afterwards."""
 
     frame: int
     spoil: Spoil
@@ -182,7 +183,9 @@ class Chance:
 
 
 def chances(time_pass: TimePass, alone: Undisturbed, truth: Truth, kind: Kind, seed: int) -> Iterator[Chance]:
-    """Yield the frames in which this kind can be tried: in plain view all the time, right before, wrong after."""
+    """Yield the frames in which a wrong pose of this kind can be tried: the limbs stay in plain view, and the pose is
+    right before and wrong after the change.
+    """
     body, frames, visible = time_pass.body, list(alone.poses), in_plain_view(truth)
     after = int(np.ceil(UNTIL_S / float(np.median(np.diff(truth.time_s)))))
     for place in range(time_pass.run.config.follow.history, len(frames) - after):
@@ -207,7 +210,7 @@ def spread(choices: Sequence[Choice], count: int) -> list[Choice]:
 def outcomes(
     time_pass: TimePass, alone: Undisturbed, truth: Truth, chosen: Sequence[Chance]
 ) -> Iterator[tuple[Kind, float]]:
-    """Yield when each chosen trial was right again, while the pass is tracked once more."""
+    """Track the pass again; yield for each chosen trial the seconds after which its pose was right again."""
     past: Past | None = None
     for read, tracker, _ in time_pass.trackers():
         if past is None:
@@ -222,7 +225,7 @@ def outcomes(
 
 
 def _go_on(time_pass: TimePass, kidnapped: PatientTracker, place: int, judge: Judge) -> None:
-    """Track on from the frame at a place of the pass until the outcome is certain."""
+    """Track with the wrong pose from the frame at ``place`` of the pass until the outcome is certain."""
     estimates = (kidnapped.step(time_pass.read(later)) for later in range(place, len(time_pass.positions)))
     for estimate in chain(estimates, kidnapped.finish()):
         if estimate is not None:
@@ -233,7 +236,7 @@ def _go_on(time_pass: TimePass, kidnapped: PatientTracker, place: int, judge: Ju
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Try as many frames of each kind as asked for, as far as the recording has chances for them."""
+    """Try each kind of wrong pose in as many frames as option ``trials`` states, or in all suitable frames if fewer."""
     truth, seed = read_truth(scene.truth), scene.simulated.seed
     passes = [(time_pass, undisturbed(time_pass)) for time_pass in passes_through(scene)]
     chosen: list[list[Chance]] = [[] for _ in passes]

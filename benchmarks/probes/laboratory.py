@@ -1,4 +1,7 @@
-"""How far clock and frame of a simulated laboratory are off when nothing of them is given (``laboratory_builder``)."""
+"""Measure the errors of a simulated laboratory's clock and coordinate frame, if both have to be found.
+
+The laboratory, another motion capture system, is made by ``laboratory_builder``.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""How much less accurate live tracking is than ``track``.
+"""Measure how much less accurate live tracking is than ``track``.
 
-The recording is tracked, and played at its own pace to live tracking with a look-ahead of 0 and of 1 frame. Errors are
-those after the first seconds, from which live tracking learns the body; frames that it drops are not counted.
+The recording is tracked by ``track``, and played at its own pace to live tracking with a look-ahead of 0 and of 1
+frame. Errors are those after the first seconds, from which live tracking learns the body; frames that live tracking
+drops are not counted.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ LEARNT_S = 6.0
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Track three times."""
+    """Track with ``track`` and twice live; yield a row for each."""
     with TemporaryDirectory() as work:
         for part, wait_frames in (("track", None), ("live", 0), ("live, one frame later", 1)):
             results, scores = Path(work) / part, dict[str, float]()

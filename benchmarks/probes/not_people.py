@@ -1,8 +1,8 @@
-"""What the learnt descriptor takes for people although it is none, and whether a body explains it.
+"""Measure which things the learnt descriptor takes for people, and whether a body explains these things.
 
-Each thing stands alone in an empty room, turned at random, and is seen by one camera from three distances. The room is
-known from an image of it when it was empty, so that the whole thing stands out. A mannequin is a person in shape: with
-one image nothing can tell it from a person who stands still, and it shows what a person would score.
+Each thing stands alone in an empty room, turned at random, and is seen by one camera from three distances. An image of
+the empty room is given, so that the whole thing is foreground. A mannequin has the shape of a person: one image cannot
+distinguish it from a person who stands still, so it shows what a person would score.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from anchorpose.tracker.sighting import sight_people
 DISTANCES_M: Final = (1.5, 2.5, 3.5)
 CAMERA_M, TILT_RAD = 1.3, 0.17  # above the floor, and downwards
 BEHIND_M: Final = 1.0  # from a thing to the wall behind it
-THERE_M: Final = 0.6  # over the ground, from a thing to the pelvis of a person that is found in it
+THERE_M: Final = 0.6  # maximum horizontal distance from a thing to the pelvis of a person that is found in it
 FLAT_M: Final = 0.005  # from a poster to the wall
 
 Draw = Callable[[np.random.Generator, SimulationConfig], np.ndarray]
 
 
 class Taken(NamedTuple):
-    """What is made of a thing. certainty: of the person that is found there, 0 without; explained, past: of that
-    person's rough body (``RoughBody``), NaN without."""
+    """How the program takes a thing. certainty: of the person found at its place, 0 without a person; explained, past:
+    of that person's rough body (``RoughBody``), NaN without a rough body."""
 
     certainty: float
     explained: float
@@ -53,36 +53,36 @@ class Taken(NamedTuple):
 
     @property
     def human(self) -> bool:
-        """Whether a body explains that person."""
+        """Whether a person is found whom a rough body explains."""
         return self.found and self.explained >= HUMAN and self.past <= MOST_PAST
 
 
 def cut_out(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """A person of cardboard, (n, 3, 3), which stands alone."""
+    """Return the triangles (n, 3, 3) of a person of cardboard."""
     return draw_mannequin(rng, config) * [0.01, 1.0, 1.0]
 
 
 def poster(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """A sheet on the wall; depth shows nothing of what is printed on it."""
+    """Return the triangles of a poster on the wall; depth does not show the print."""
     return triangles_of([box((BEHIND_M - FLAT_M, 1.1, 0.0), (FLAT_M, rng.uniform(1.4, 1.9), rng.uniform(0.6, 0.9)))])
 
 
 def dog(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """A large dog, standing: a trunk, a neck, a head and four legs."""
+    """Return the triangles of a large standing dog: a trunk, a neck, a head and four legs."""
     size, legs = rng.uniform(0.8, 1.1), [pole((x, 0.22, z), 0.03, 0.44) for x in (-0.3, 0.3) for z in (-0.08, 0.08)]
     trunk, neck = box((0.0, 0.52, 0.0), (0.75, 0.24, 0.24)), box((0.38, 0.66, 0.0), (0.14, 0.24, 0.14))
     return size * triangles_of([trunk, neck, box((0.5, 0.8, 0.0), (0.28, 0.15, 0.15)), *legs])
 
 
 def ball(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """An exercise ball of 55 to 75 cm."""
+    """Return the triangles of an exercise ball of 55 to 75 cm."""
     u, v = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 33), np.linspace(0.0, np.pi, 17))
     sphere = np.stack([np.cos(u) * np.sin(v), np.cos(v) + 1.0, np.sin(u) * np.sin(v)], axis=2)
     return grid_triangles(rng.uniform(0.275, 0.375) * sphere)
 
 
 def wheelchair_with_coat(rng: np.random.Generator, config: SimulationConfig) -> np.ndarray:
-    """A wheelchair with a coat over its back and seat."""
+    """Return the triangles of a wheelchair with a coat over its back and seat."""
     coat = hanging_coat(rng, 1.0, 0.0) - [0.3, 0.0, 0.0]
     return np.concatenate([wheelchair(rng).triangles, np.maximum(coat, [-np.inf, 0.02, -np.inf])])
 
@@ -98,11 +98,11 @@ THINGS: Final[dict[str, Draw]] = {
     "dog": dog,
     "exercise ball": ball,
 }
-FRONT: Final = ("person of cardboard", "poster on the wall")  # are turned to the camera
+FRONT: Final = ("person of cardboard", "poster on the wall")  # turned to the camera, not at random
 
 
 def take(name: str, config: SimulationConfig, distance_m: float) -> Taken:
-    """Return what is made of a thing that is drawn from the settings' seed, seen from a distance."""
+    """Render a thing, drawn from the settings' seed, from a distance; return how the program takes it."""
     rng = np.random.default_rng([config.seed, list(THINGS).index(name)])
     yaw = 0.0 if name in FRONT else rng.uniform(-np.pi, np.pi)
     thing = THINGS[name](rng, config) @ turns_about(UP, np.array([yaw]))[0].T
@@ -123,7 +123,7 @@ def _there(place_xz_m: np.ndarray) -> bool:
 
 
 def _camera(config: SimulationConfig, distance_m: float) -> Camera:
-    """A camera that looks along X at the origin."""
+    """Return a camera that looks along X at the origin."""
     spec, pose = SENSORS[config.sensor], np.eye(4)
     away = np.array([np.cos(TILT_RAD), -np.sin(TILT_RAD), 0.0])
     right = np.array([0.0, 0.0, 1.0])
@@ -141,7 +141,7 @@ def _room(distance_m: float) -> np.ndarray:
 def _seen(
     rng: np.random.Generator, config: SimulationConfig, camera: Camera, room: np.ndarray, thing: np.ndarray
 ) -> np.ndarray:
-    """The depth image in metres, as the sensor reads it."""
+    """Return the depth image in metres, as the sensor reads it."""
     true, spec = render_still(camera, room, thing), SENSORS[config.sensor]
     steady = np.zeros_like(true.depth_m)
     return np.asarray(sense(rng, spec, true.depth_m, true.cosine, steady) * np.float32(0.001))

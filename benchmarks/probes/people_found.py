@@ -1,7 +1,7 @@
-"""Who is found in single images of real rooms, against people labelled by eye.
+"""Compare the people found in single images of real rooms with people labelled by eye.
 
-Each image stands alone, as if nobody ever moved: the room is learnt from it alone. Found: most pixels of a found person
-lie in the box of a labelled one. Wrong: a found person whose pixels lie in no box.
+Each image is used alone, as if no person ever moved: the room is learnt from this image. A labelled person is found if
+most pixels of a found person lie in the labelled box. A found person is wrong if no box holds most of that person.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anchorpose.tracker.sighting import rough_body_of
 
 LABELS: Final = Path(__file__).resolve().parent.parent / "labels"
 INSIDE: Final = 0.7
-SURE: Final = (0.5, 0.7, 0.8, 0.9)  # least mean probability of a person's pixels
+SURE: Final = (0.5, 0.7, 0.8, 0.9)  # least certainty: mean probability of a person's pixels
 
 Pixels = tuple[np.ndarray, np.ndarray]
 
@@ -62,7 +62,7 @@ def measure(scene: Scene) -> Iterator[Row]:
 
 
 def _found(frames: FrameSet, settled: Settled) -> Iterator[tuple[str, Sequence[Pixels]]]:
-    """The pixels of each person that is found, in each of the ways that are compared."""
+    """Yield, for each way to find people that is compared, its title and the pixels of each found person."""
     camera, depth_m = settled.calibration.cameras[0], frames.depths_m[0]
     assert depth_m is not None
     said = describe(depth_m, camera)
@@ -84,7 +84,7 @@ def _found(frames: FrameSet, settled: Settled) -> Iterator[tuple[str, Sequence[P
 
 
 def _owner(pixels: Pixels, people: tuple[LabelledPerson, ...]) -> int | None:
-    """The labelled person whose box holds most pixels of a found one; None where no box holds enough."""
+    """Return the labelled person (index) whose box holds most pixels of a found one; None if no box holds enough."""
     row, column = pixels
     shares = []
     for labelled in people:

@@ -1,9 +1,10 @@
-"""The command line of every probe:
+"""Define the command line of every probe:
 
     PROBE RECORDING TRUTH [--config JSON] [--settings JSON] [--OPTION VALUE]... --out JSON
 
-A probe measures with inner parts of the program, so it runs under the version that is measured and imports nothing but
-that version and its neighbours in this folder. It answers with pairs of a part's name and that part's scores by name.
+A probe measures by calling internal modules of the program. It therefore runs with the version of the program that is
+measured, and imports only this version and other modules of this folder. A probe writes, for each part that it
+measures, the part's name and its scores by name.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ Row = tuple[str, dict[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is measured. config: the settings of a simulated scene; options: the probe's own, by name; settings: of
-    TrackConfig, that differ from the defaults."""
+    """The recording to measure. config: the settings of a simulated scene; options: the probe's own options by name;
+    settings: those of TrackConfig that differ from the defaults."""
 
     recording: Path
     truth: Path
@@ -36,13 +37,13 @@ class Scene:
 
     @property
     def simulated(self) -> SimulationConfig:
-        """The settings, which this probe needs."""
+        """Return the settings of the simulated scene, which this probe needs."""
         assert self.config is not None, "this probe measures simulated scenes"
         return self.config
 
 
 def answer(measure: Callable[[Scene], Iterable[Row]], **options: float | str) -> None:
-    """Measure the scene of the command line and write the rows; options: of this probe, with their defaults."""
+    """Measure the scene of the command line and write the rows. options: this probe's options with their defaults."""
     parser = argparse.ArgumentParser()
     parser.add_argument("recording", type=Path)
     parser.add_argument("truth", type=Path)

@@ -1,6 +1,6 @@
-"""Poses that are wrong on purpose, as trackers get them wrong: an arm in the trunk, limbs exchanged, a body turned.
+"""Make poses wrong on purpose, as trackers get them wrong: an arm in the trunk, limbs exchanged, the body turned.
 
-Only the limbs named by ``LIMBS`` move; bones keep their length and joints their range.
+Only the limbs named by ``Spoil.limbs`` move; bones keep their length and joints stay within their range.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, pose_points
 from anchorpose.joints import JOINT_INDEX
 
-STEPS: Final = 15  # of Gauss-Newton; an arm turns by up to 30 degrees in each
+STEPS: Final = 15  # of the Gauss-Newton method; an arm turns by up to 30 degrees in each step
 REACHED_M: Final = 0.02  # how well a limb meets its target
 SLAB_M: Final = 0.05  # half the height of the slice of the trunk whose middle is taken
 OTHER: Final = {"Left": "Right", "Right": "Left"}
@@ -39,8 +39,8 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Spoil:
-    """side: ``Left`` or ``Right``, of the limb that is moved where one is; height: 0 to 1 from pelvis to shoulders, of
-    a hand in the trunk."""
+    """How to make a pose wrong. side: of the moved limb, ``Left`` or ``Right``; height: of a hand in the trunk, from 0
+    (pelvis) to 1 (shoulders)."""
 
     kind: Kind
     side: str = "Left"
@@ -48,7 +48,7 @@ class Spoil:
 
     @property
     def limbs(self) -> tuple[str, ...]:
-        """Return the limbs concerned, by their names in ``anchorpose.results.evaluate.LIMBS_JUDGED``."""
+        """Return the limbs that become wrong, by their names in ``anchorpose.results.evaluate.LIMBS_JUDGED``."""
         match self.kind:
             case Kind.ARM_IN_TRUNK:
                 return (f"arm_{self.side.lower()}",)
@@ -61,7 +61,7 @@ class Spoil:
 
 
 def spoilt(body: Body, pose: Pose, spoil: Spoil) -> Pose:
-    """Return the pose with the limbs of one kind in the wrong place."""
+    """Return the pose with the limbs that ``spoil`` names in the wrong place."""
     joints, side = body.joints(pose), spoil.side
     match spoil.kind:
         case Kind.ARM_IN_TRUNK:

@@ -1,13 +1,14 @@
-"""This project's rows of the public benchmark.
+"""Write this project's answers to the public benchmark.
 
     python benchmarks/research/leader_board.py BENCHMARK OUT --methods tracker shot
 
 BENCHMARK was made by `anchorpose benchmark make`. Each method gets a folder of answers in OUT, which `anchorpose
 benchmark score` scores. tracker: `anchorpose track` with its defaults; results are kept in OUT/results, and a second
-run goes on there. anchors: the paper's feature with subsets of three anchors, the middle of psi for each, of which the
-nearest in place is taken (its tree needs a prediction of the pose, which two frames do not give); anchors-one: one
-hypothesis of all anchors found in both frames; anchors-similar: the node of the most similar distances to these; shot:
-SHOT over 20 cm; nearest: the node nearest in place; best: the true matches.
+run goes on there. anchors: the paper's descriptor with subsets of three anchors; each subset gives one match (the
+middle of psi), and the match nearest in place is taken, since the paper's track tree needs a prediction of the pose,
+which two frames do not give. anchors-one: the match by all anchors found in both frames. anchors-similar: the node with
+the most similar distances to these anchors. shot: SHOT over 20 cm. nearest: the node nearest in place. best: the true
+matches.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from anchorpose.track_tree.hypotheses import anchor_subsets, match_hypotheses
 from anchorpose.tracker.config import TrackConfig
 
 UP, FACING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
-NEAR_M: Final = 0.03  # from a node that the mesh lacks to the one that stands for it
+NEAR_M: Final = 0.03  # maximum distance from a node that the mesh lacks to the node that stands for it
 TITLES: Final = {
     "tracker": "anchorpose track",
     "anchors": "anchor geodesics, subsets of three, the nearest in place",
@@ -58,7 +59,7 @@ TITLES: Final = {
 
 
 class Frame:
-    """The nodes of a frame, and the mesh of its depth image at the pixels of the nodes: what everybody is given."""
+    """The data of a frame that every method gets: its nodes, and the mesh of its depth image at the nodes' pixels."""
 
     def __init__(self, folder: Path, group: Group, number: int) -> None:
         table = np.loadtxt(folder / group.nodes(number), delimiter=",", skiprows=1)
@@ -74,18 +75,18 @@ class Frame:
         self.anchors = find_anchors(self.surface, UP, FACING)
 
     def on_surface(self) -> np.ndarray:
-        """(n,) the mesh's node for each node, -1 where none is near."""
+        """Return (n,) the node of the mesh nearest to each node of the frame, -1 if none is near."""
         distance, nearest = cKDTree(self.surface.points_m).query(self.points_m)
         return np.where(distance < NEAR_M, nearest, NO_MATCH)
 
     def node_of(self, surface_node: np.ndarray) -> np.ndarray:
-        """(n,) the node at the pixel of a mesh's node, -1 for -1."""
+        """Return (n,) the frame's node at the pixel of each given node of the mesh, -1 for -1."""
         found: np.ndarray = self.node_at[tuple(self.surface.pixel[surface_node].T)]
         return np.where(surface_node < 0, NO_MATCH, found)
 
 
 Match = Callable[[Frame, Frame], np.ndarray]
-"""(m,) node of the second mesh for each node of the first, -1 = none."""
+"""Returns (m,) the node of the second mesh that matches each node of the first mesh, -1 = none."""
 
 
 def by_anchors(first: Frame, second: Frame, size: int, similar: bool = False) -> np.ndarray:
@@ -117,7 +118,7 @@ ON_MESH: Final[dict[str, Match]] = {
 
 
 def matched(first: Frame, second: Frame, method: str) -> np.ndarray:
-    """(n,) node of the second frame for each of the first, -1 = none."""
+    """Return (n,) the node of the second frame that matches each node of the first frame, -1 = none."""
     if method == "nearest":
         nearest: np.ndarray = cKDTree(second.points_m).query(first.points_m)[1]
         return nearest
@@ -126,7 +127,7 @@ def matched(first: Frame, second: Frame, method: str) -> np.ndarray:
 
 
 def match_rows(benchmark: Benchmark, part: Part, method: str) -> Iterator[pa.Table]:
-    """The answers of one method, group by group."""
+    """Yield the answers of one method, one table per pair of frames."""
     for group in benchmark.groups:
         if group.part is not part or not group.pairs:
             continue
@@ -151,7 +152,7 @@ def track(recording: Path, results: Path) -> str:
 
 
 def joint_rows(benchmark: Benchmark, part: Part, results: Path, processes: int | None) -> Iterator[pa.Table]:
-    """The tracker's joints with their sigma, recording by recording."""
+    """Track the recordings, and yield the joints with their sigma, one table per recording."""
     names = [name for group in benchmark.groups if group.part is part for name in group.recordings.values()]
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         for done in pool.map(track, [benchmark.folder / name for name in names], [results / name for name in names]):
@@ -170,7 +171,7 @@ def joint_rows(benchmark: Benchmark, part: Part, results: Path, processes: int |
 
 
 def write_answers(folder: Path, method: str, name: str, tables: Iterator[pa.Table]) -> None:
-    """answers.json and one table."""
+    """Write answers.json and one table into the folder of a method."""
     folder.mkdir(parents=True, exist_ok=True)
     about = {"format": FORMAT, "version": VERSION, "method": TITLES[method], "source": "anchorpose"}
     (folder / ABOUT).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
@@ -178,7 +179,7 @@ def write_answers(folder: Path, method: str, name: str, tables: Iterator[pa.Tabl
 
 
 def main() -> None:
-    """Writes the folders of answers."""
+    """Write a folder of answers for each method."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("benchmark", type=Path)
     parser.add_argument("out", type=Path)

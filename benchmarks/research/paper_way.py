@@ -1,9 +1,9 @@
-"""The paper's method and this one from one depth frame to five geodesic fields: python benchmarks/research/paper_way.py
+"""Time the paper's way and ours from a depth frame to five geodesic fields: python benchmarks/research/paper_way.py
 
-The paper smooths and triangulates the point cloud with PCL and runs Dijkstra along the edges of the mesh; paper_way/ is
-that as a C++ program, built here with CMake against Debian's libpcl-dev (apt install libpcl-dev libboost-graph-dev
-cmake g++). Both alternate on one core, from the same noisy pixels, each warmed up. Their distances are compared with
-the exact ones (pygeodesic) on their own meshes.
+The paper smooths and triangulates the point cloud with PCL and runs Dijkstra along the edges of the mesh. The folder
+paper_way/ has this method as a C++ program, built here with CMake against Debian's libpcl-dev (apt install libpcl-dev
+libboost-graph-dev cmake g++). Both methods run in turn on one core, from the same noisy pixels, each after a run to
+warm up. Each method's distances are compared with the exact distances (pygeodesic) on its own mesh.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STEPS = ("smoothing", "triangulation", "graph", "dijkstra")
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One run: mesh (metres, world), fields (s, n) from the sources (s,), and the milliseconds of each step."""
+    """One run of a method: mesh (metres, world), fields (s, n) from the sources (s,), and milliseconds of each step."""
 
     points_m: np.ndarray
     triangles: np.ndarray
@@ -49,7 +49,7 @@ class Way:
 
 
 def build(folder: Path) -> Path:
-    """Compile the program; ends with one sentence where something to build it with is missing."""
+    """Compile the C++ program. If a tool or library to build it is missing, end with one sentence."""
     if shutil.which("cmake") is None:
         sys.exit(f"paper_way.py {TO_INSTALL}")
     for command in (["cmake", "-S", str(PROGRAM), "-B", str(folder)], ["cmake", "--build", str(folder)]):
@@ -61,7 +61,7 @@ def build(folder: Path) -> Path:
 
 
 def run_paper(program: Path, cloud_m: np.ndarray, sources: np.ndarray, radius_m: float, folder: Path) -> Way:
-    """Run the C++ program on points (n, 3) and the numbers (s,) of those to measure from."""
+    """Run the C++ program on points (n, 3). sources: (s,) indices of the points to measure distances from."""
     counts = np.array([len(cloud_m), len(sources)], np.int32)
     parts = [counts, cloud_m.astype(np.float32), sources.astype(np.int32)]
     (folder / "cloud").write_bytes(b"".join(part.tobytes() for part in parts))
@@ -82,7 +82,7 @@ def run_paper(program: Path, cloud_m: np.ndarray, sources: np.ndarray, radius_m:
 
 
 def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int) -> Way:
-    """Run build_surface and geodesic_distance from the nodes nearest to pixels (s, 2), after one to warm up."""
+    """Run build_surface and geodesic_distance from the nodes nearest to pixels (s, 2), after a run to warm up."""
     config = SurfaceConfig(step=step)
     geodesic_distance(build_surface(depth_m, depth_m > 0, camera, config), np.zeros(5, np.int32))
     begin = time.perf_counter()
@@ -97,12 +97,12 @@ def run_ours(depth_m: np.ndarray, camera: Camera, pixels: np.ndarray, step: int)
 
 
 def errors_mm(way: Way) -> np.ndarray:
-    """Return the errors against the exact distances on the way's own mesh, of nodes of its largest piece."""
+    """Return a method's errors at nodes of the largest piece of its mesh, against the exact distances on this mesh."""
     used, corners = np.unique(largest_piece(manifold(way.triangles), len(way.points_m)), return_inverse=True)
     solver = PyGeodesicAlgorithmExact(way.points_m[used].astype(np.float64), corners.reshape(-1, 3).astype(np.int32))
     off = []
     for source, found in zip(way.sources, way.fields_m[:, used], strict=True):
-        if source in used:  # not on a small component that an edge connects
+        if source in used:  # false on a small component that an edge connects to the rest
             exact = solver.geodesicDistances(np.array([np.searchsorted(used, source)], np.int32), None)[0]
             both = np.isfinite(found) & np.isfinite(exact)
             off.append(np.abs(found[both] - exact[both]))

@@ -1,13 +1,13 @@
-"""This project's answers on real depth, for the second track of the public benchmark.
+"""Write this project's answers on real depth, for the second track of the public benchmark.
 
     python benchmarks/research/real_answers.py OUT
     anchorpose benchmark score OUT/tracker --real RECORDINGS --labels benchmarks/labels
     anchorpose benchmark score OUT/descriptor --real RECORDINGS --labels benchmarks/labels
 
-tracker: each labelled person is tracked from the place at which a user would name them, with the settings of suite
-``real``, whose kept results are used. descriptor: an ordinary body fitted to the learnt descriptor's matches in one
-frame alone, of the person found there who has most pixels in the label's box. Each folder gets ``answers.json`` and
-``real.csv``: the labelled frames of each person.
+tracker: each labelled person is tracked from the place at which a user would point them out, with the settings of suite
+``real``; kept results of this suite are used. descriptor: in each labelled frame alone, an ordinary body is fitted to
+the learnt descriptor's matches of the found person who has most pixels in the label's box. Each folder gets
+``answers.json`` and ``real.csv``: the labelled frames of each person.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 TITLES: Final = {"tracker": "anchorpose track", "descriptor": "learnt descriptor, one frame alone"}
 Joints = Iterator[tuple[int, np.ndarray]]
-"""Frame numbers, each with the joints (21, 3) of a person, metres in the camera's frame, NaN where there is none."""
+"""Frame numbers, each with the joints (21, 3) of a person, metres in the camera's frame, NaN for a missing joint."""
 
 
 def by_tracker(folder: str, person: str, cache: Path) -> Joints:
@@ -71,7 +71,7 @@ def by_tracker(folder: str, person: str, cache: Path) -> Joints:
 
 
 def by_descriptor(folder: str, person: str, cache: Path) -> Joints:
-    """Yield the joints of a labelled person by each labelled frame alone, and by nothing before or after it."""
+    """Yield the joints of a labelled person in each labelled frame, each computed from that frame alone."""
     recording = open_recording(_ready(folder, cache).recording)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for frame, people in sorted(read_labels(LABELS, folder, LABELLERS[0]).items()):
@@ -84,7 +84,7 @@ def by_descriptor(folder: str, person: str, cache: Path) -> Joints:
 
 
 def _described(depth_m: np.ndarray, camera: Camera, box: Sequence[float]) -> np.ndarray | None:
-    """Return the joints (21, 3) of the person with most rays in a box; None where nobody is found there."""
+    """Return the joints (21, 3) of the person with most rays in a box of the image; None if the box has no person."""
     said = described(depth_m, camera)
     inside = (box[0] <= said.column) & (said.column <= box[2]) & (box[1] <= said.row) & (said.row <= box[3])
     rays = [one.rays[0] for one in find_people([said], [depth_m], [np.eye(4)]) if one.rays[0] is not None]

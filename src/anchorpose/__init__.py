@@ -1,7 +1,8 @@
 """Find 21 joints of a patient in depth recordings without markers, each joint with its state and uncertainty.
 
 Programs call ``track`` on a recording, ``open`` its results, or give a ``Tracker`` one frame after another
-(docs/python.md). A public name is imported when it is first used; ``__init__.pyi`` tells type checkers the types.
+(docs/python.md). A public name of the package is imported when a program first uses the name; ``__init__.pyi`` declares
+the types for type checkers.
 """
 
 from importlib import import_module

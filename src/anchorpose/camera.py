@@ -51,7 +51,7 @@ class Camera:
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:
         """Convert a depth image (height, width) in metres to points (height, width, 3) float32 in the camera frame; NaN
-        where depth is 0.
+        where the depth is 0 (no reading).
         """
         depth = np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
         return np.concatenate([self.pixel_rays() * depth[..., None], depth[..., None]], axis=-1)
@@ -86,7 +86,9 @@ class Camera:
 
 
 def places_of(cameras: Iterable[Camera], among: Sequence[Camera]) -> tuple[int, ...]:
-    """Return the index of each camera in ``among``, by its name; raises ValueError if a camera is missing there."""
+    """Return, for each camera, the index of the camera with its name in ``among``; raises ValueError without such a
+    camera.
+    """
     names = [camera.name for camera in among]
     return tuple(names.index(camera.name) for camera in cameras)
 

@@ -28,7 +28,8 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)  # so that a worker process can pickle its error
+        # so that an error of a worker process can be pickled
+        return _made_again, (type(self), self.args, self.__dict__)
 
 
 def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:

@@ -70,7 +70,9 @@ LIMBS: Final = tuple(
 
 
 class JointState(StrEnum):
-    """The way in which a joint was determined in a frame; the values are the texts in the results tables."""
+    """The state of a joint in a frame: seen, hidden (and by what), outside of the image, or lost. The values are the
+    texts in the tables of results.
+    """
 
     OBSERVED = "observed"
     HIDDEN_BY_SELF = "hidden_by_self"

@@ -1,7 +1,8 @@
-"""Compute lenses by OpenCV's models: from a ray to its pixel, and back (docs.opencv.org, calib3d and fisheye).
+"""Convert rays to pixels and pixels to rays by OpenCV's lens models (docs.opencv.org, calib3d and fisheye).
 
-A ray is x/z and y/z in the camera frame. A lens is valid up to a radius, where its polynomial stops being monotonic or
-the maker's guarantee ends. Pixels beyond the valid radius have no ray (NaN), and rays beyond it have no pixel.
+A ray is given by x/z and y/z in the camera frame. A lens model is valid up to the radius at which its polynomial stops
+being monotonic or the maker's guarantee ends. Pixels beyond the valid radius have no ray (NaN), and rays beyond it have
+no pixel.
 """
 
 from __future__ import annotations
@@ -38,10 +39,12 @@ _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as num
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid radius, coefficients, tilt matrix
 _SIZE: Final = 27  # length of a lens array
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
-_EXACT_PX: Final = 1e-6  # pixels, error of a ray's projection below which Newton's method has found the ray
-# column and row of a ray without a pixel, outside every image; not NaN, since compiled code converts it to an integer
+# pixels; Newton's method has found a pixel's ray if the ray's projection is this close to the pixel
+_EXACT_PX: Final = 1e-6
+# column and row that stand for "this ray has no pixel", far outside every image; not NaN, since compiled code converts
+# them to integers
 NOWHERE: Final = -1e6
-_SLOPE: Final = 1e-6  # step, in units of x/z, by which the derivative is computed numerically
+_SLOPE: Final = 1e-6  # step of x/z or y/z with which the derivative of the projection is computed numerically
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +71,9 @@ class Intrinsics:
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """Return the lens (27,) float64, read only, for compiled code: fx, fy, cx, cy, then what ``pixel_of_ray`` needs."""
+    """Return the lens (27,) float64, read only, for compiled code: fx, fy, cx, cy, then further values for
+    ``pixel_of_ray``.
+    """
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
     coefficients = np.zeros(14)
@@ -101,7 +106,9 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """Return the radius beyond which rays farther out have pixels farther in; ``WIDEST`` if there is no such radius."""
+    """Return the radius of a ray beyond which a larger radius gives a pixel nearer to the centre; ``WIDEST`` without
+    one.
+    """
     if array[_KIND] == _PLAIN:
         return WIDEST
     radius = np.linspace(0.0, WIDEST, 8001)
@@ -199,7 +206,9 @@ def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, he
 
 @njit(cache=True, nogil=True)
 def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> tuple[float, float, bool]:
-    """Solve for the ray of the pixel (column, row), starting at the ray (x, y); return it and whether it was found."""
+    """Solve for the ray of the pixel (column, row), starting at the ray (x, y); return the ray and whether it was
+    found.
+    """
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r

@@ -78,7 +78,9 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 def _shown(token: Token) -> str:
-    """Return a value for a message, with the name of the settings file if the value comes from one."""
+    """Return a value as an error message shows it, with the name of the settings file if the value comes from such a
+    file.
+    """
     return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 
 
@@ -100,7 +102,7 @@ def _as_intrinsics(kind: Any, tokens: Sequence[Token]) -> tuple[float, float, fl
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConvertOptions:
-    """Facts that the files of a recorder may lack, for ``anchorpose convert``."""
+    """Facts about a recording that the recorder's files may lack, for ``anchorpose convert``."""
 
     intrinsics: Annotated[
         tuple[float, float, float, float] | None,
@@ -131,7 +133,7 @@ class HipCentre(StrEnum):
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSettings:
-    """Settings of how the files of another system are read, for ``anchorpose evaluate``."""
+    """Settings for reading the files of another motion capture system, for ``anchorpose evaluate``."""
 
     unit: Literal["mm", "cm", "m"] | None = None
     """The unit of the reference's lengths, where its file does not state it."""
@@ -179,7 +181,7 @@ SIGNALS: Final = Parameter(converter=_as_names, n_tokens=1, metavar="NAME,NAME,N
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SyncSettings:
-    """How the clock of another device's file is found, for ``anchorpose sync``."""
+    """Settings for finding the clock of another device's file, for ``anchorpose sync``."""
 
     segment: Segment | None = None
     """With --acceleration or --gyroscope: the part of the body that the sensor is strapped to."""
@@ -215,7 +217,7 @@ class SyncSettings:
 
 
 class CoordinateModel(StrEnum):
-    """The OpenSim models whose coordinates a MOT can follow; they differ in the sign of the knee."""
+    """The OpenSim models whose coordinates a MOT file can have; the models differ in the sign of the knee angle."""
 
     RAJAGOPAL = "rajagopal"
     GAIT2392 = "gait2392"

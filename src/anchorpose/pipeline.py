@@ -60,8 +60,8 @@ def track_recording(
     body is learnt from it. calibration: a calibration.json whose poses replace the given or found poses. corrections: a
     reviewer's corrections of earlier results. events: an events.tsv with the trials, in place of the recording's own.
     threads: number of threads that share the work on a frame (its cameras, people and tried poses); the tables have the
-    same bytes with any number of threads. Linear algebra runs on one thread, since several would add sums in another
-    order. Raises InputError if the recording cannot be used.
+    same bytes with any number of threads. Linear algebra runs on one thread, since several threads would add the terms
+    of a sum in another order. Raises InputError if the recording cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
@@ -132,11 +132,11 @@ def _counter(progress: Progress, total: int) -> Callable[[], None]:
 def calibrate_recording(
     recording: Path, folder: Path, config: TrackConfig, ignore_given: bool = False, markers: Path | None = None
 ) -> Calibration:
-    """Find every camera's pose and write calibration.json and one picture per camera into an existing folder.
+    """Find every camera's pose; write calibration.json and one picture per camera into an existing folder.
 
-    ignore_given: ignore the poses that the recording gives, and find these poses too. markers: a markers.json; cameras
-    with an image of the markers are placed by the markers, and the poses of the other cameras are found in the same
-    world. Raises InputError if the recording cannot be used or a pose is not accepted.
+    ignore_given: whether to ignore the camera poses that the recording gives, and to find these poses too. markers: a
+    markers.json; cameras with an image of the markers are placed by the markers, and the poses of the other cameras are
+    found in the same world. Raises InputError if the recording cannot be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)

@@ -48,8 +48,8 @@ def parts_of(address: str) -> tuple[str, ...]:
 def local_copy(given: str | Path) -> Iterator[Path]:
     """Yield a given path unchanged; for an address, yield a local copy of the same name, removed after the block.
 
-    Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads such addresses
-    is not installed.
+    Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads this kind of
+    address is not installed.
     """
     if not is_address(given):
         yield Path(given)

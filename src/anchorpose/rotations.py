@@ -16,8 +16,9 @@ from anchorpose.errors import DegenerateGeometry
 FORWARD, UP, RIGHT = np.eye(3)
 """Unit vectors (3,) along the world's axes x, y and z, or along the axes of a body's own frame."""
 
-COLLINEAR_RATIO: Final = 1e-3  # largest ratio of the covariance's second to first singular value in collinear points
-ONE_PLACE_M2: Final = 1e-12  # m2, second singular value up to which points also count as collinear: (1 micrometre)²
+# points count as collinear up to this ratio of the second to the first singular value of their covariance
+COLLINEAR_RATIO: Final = 1e-3
+ONE_PLACE_M2: Final = 1e-12  # m2; points also count as collinear up to this second singular value: (1 micrometre)²
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -29,8 +30,8 @@ def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return rotation matrices (..., 3, 3) from vectors (..., 3). Their unit columns are ``first``, ``second`` made
-    perpendicular to ``first``, and the cross product of these two.
+    """Return rotation matrices (..., 3, 3) from vectors (..., 3). The unit columns of each matrix are ``first``,
+    ``second`` made perpendicular to ``first``, and the cross product of both.
     """
     first = unit(first)
     second = unit(second - (second * first).sum(axis=-1, keepdims=True) * first)
@@ -76,7 +77,7 @@ def rotation_matrices(vectors: np.ndarray) -> np.ndarray:
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
-    """Return (m, 3) rotation vectors, no longer than pi, of rotation matrices (m, 3, 3)."""
+    """Return (m, 3) rotation vectors, of length at most pi, of rotation matrices (m, 3, 3)."""
     vectors = np.empty((len(matrices), 3))
     _vectors(np.ascontiguousarray(matrices, np.float64), vectors)
     return vectors
@@ -96,7 +97,7 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
         squared = x * x + y * y + z * z
         angle = np.sqrt(squared)
-        if angle < 1e-4:  # Taylor series: at small angles the quotients lose digits
+        if angle < 1e-4:  # use a Taylor series, since at small angles the quotients lose digits
             sine, versine = 1.0 - squared / 6.0, 0.5 - squared / 24.0
         else:
             sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
@@ -109,8 +110,8 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
-    """Compute rotation vectors from unit quaternions, whose largest component is computed first to keep all digits
-    (Shepperd 1978, doi:10.2514/3.55767b).
+    """Compute rotation vectors by way of unit quaternions; a quaternion's largest component is computed first, to keep
+    all digits (Shepperd 1978, doi:10.2514/3.55767b).
     """
     q = np.empty(4)
     for m in range(len(matrices)):

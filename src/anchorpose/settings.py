@@ -41,7 +41,7 @@ def settings(cls: type[Class]) -> type[Class]:
 
 
 class Unfit(ValueError):
-    """The error for a value of the right type that cannot be used, with the problem and the remedy.
+    """The error for a setting of the right type whose value cannot be used; it holds the problem and the remedy.
 
     key: name of the field concerned, needed if the object with this field was checked as a whole.
     """
@@ -112,8 +112,8 @@ _PLAIN_WORDS: Final = {  # pydantic's words, and the words that replace them in 
 
 
 def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[str]]:
-    """Return the place of an error, the description of its innermost field, and the field names that are valid
-    there.
+    """Return the place of an error in a file, the description of the innermost field at this place, and the field names
+    that are valid there.
     """
     place, meaning, owners, known = "", "", _classes_in(kind), list[str]()
     for step in location:
@@ -122,7 +122,8 @@ def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[
             continue
         declared = {name: hint for owner in owners for name, hint in _fields(owner).items()}
         tagged = [owner for owner in owners if _is_tag(step, owner)]
-        if step not in declared and tagged:  # the tag of a union is not a key of the file
+        # pydantic adds the tag of a union to the place, but the tag is not a key of the file
+        if step not in declared and tagged:
             owners = tagged
             continue
         place, known = _join(place, step if len(step) <= LONGEST_KEY else step[:LONGEST_KEY] + "..."), list(declared)
@@ -151,7 +152,9 @@ def _fields(owner: type) -> dict[str, Any]:
 
 
 def _stated(hint: Any, what: str) -> str:
-    """Return an annotation's text of the kind ``what``, "alias" or "description"; empty if it has none."""
+    """Return a text of an annotation, by its kind ``what`` ("alias" or "description"); empty if the annotation has no
+    such text.
+    """
     own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
     return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")
 

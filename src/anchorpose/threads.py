@@ -22,7 +22,9 @@ _WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and OpenCV on one thread in the block; OpenCV's threads wait longer than they work."""
+    """Keep linear algebra and OpenCV on one thread within the ``with`` block; OpenCV's threads wait longer than they
+    work.
+    """
     import cv2
 
     before = cv2.getNumThreads()

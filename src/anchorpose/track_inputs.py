@@ -24,7 +24,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-# m, maximum distance of two places of a patient that count as the same, since places are printed to the centimetre
+# m; two stated places of the patient count as the same up to this distance, since places are printed to the centimetre
 SAME_PLACE_M: Final = 0.01
 
 
@@ -52,8 +52,8 @@ class TrackInputs:
 
     recording: the recording with the height and camera poses that the user gave; config: settings that include the
     patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
-    of the events; review_file: None without corrections; pose_source: where the poses come from if they replace the
-    recording's, else None; trials: None without events.
+    of the events; review_file: None without corrections; pose_source: where the camera poses come from if they replace
+    the recording's, else None; trials: None without events.
     """
 
     recording: Recording
@@ -66,8 +66,8 @@ class TrackInputs:
 
     @property
     def identity(self) -> str:
-        """Return a SHA-256 in hex of everything that decides joints and measures: inputs, settings, poses, corrections,
-        code and libraries.
+        """Return a SHA-256 in hex of everything on which joints and measures depend: inputs, settings, camera poses,
+        corrections, code and libraries.
         """
         review = "" if self.review_file is None else self.review_file.sha256
         poses = [camera.T_world_camera for camera in self.recording.cameras]
@@ -82,8 +82,8 @@ class TrackInputs:
 
 
 def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
-    """Read and check all inputs; raises InputError if the recording cannot be used, or a user's file does not belong
-    to it.
+    """Read and check all inputs; raises InputError if the recording cannot be used, or if a user's file does not belong
+    to the recording.
     """
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
@@ -103,7 +103,9 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
 
 
 def _read_events(recording: Recording, given: Path | None) -> Trials | None:
-    """Read the trials from the given file, otherwise from the recording's events.tsv; None if there is neither."""
+    """Read the trials from the given file or, without a given file, from the recording's events.tsv; None if both are
+    missing.
+    """
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
     return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
@@ -120,7 +122,8 @@ def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
 def _read_review(path: Path) -> ReviewFile:
     """Read a file of corrections; raises InputError if the file does not hold corrections."""
     corrections = read_corrections(path)
-    ((_, digest),) = hash_files([path], path.parent)  # hash it now: the viewer may add to the file during tracking
+    # hash the file now, since the viewer may add corrections to it during tracking
+    ((_, digest),) = hash_files([path], path.parent)
     return ReviewFile(path, digest, corrections)
 
 
@@ -133,8 +136,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the results that were corrected. Poses then need not be found
-    again, and places in the corrections stay valid even if another person is named as the patient.
+    """Return the recording with the camera poses of the results that a reviewer corrected. Camera poses then need not
+    be found again, and places in the corrections stay valid even if another person is named as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)

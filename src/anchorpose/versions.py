@@ -1,5 +1,5 @@
-"""Identify the program that made a result: version and code of this package, and libraries that its numbers depend
-on.
+"""Identify the program that made a result: the version and code of this package, and the libraries on which the
+result's numbers depend.
 """
 
 from __future__ import annotations

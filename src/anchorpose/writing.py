@@ -88,7 +88,7 @@ def write_results(
 
 def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Written:
     """Write the tables of joints, poses, anchors, person labels and contacts, and of how well each pose explains the
-    depth images, frame by frame; collect what run.json needs.
+    depth images, frame by frame; collect the data for run.json.
     """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor, before = list[PoorInterval](), None
@@ -141,7 +141,9 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return the record of the corrections, with a sentence on each one that the written joints do not follow."""
+    """Return the record of a reviewer's corrections, with a sentence on each correction that the written joints do not
+    follow.
+    """
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
     held = (corrections.unusable, corrections.joints, corrections.patient)
@@ -149,7 +151,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Return why a joint is not where the reviewer placed it; None if it is there."""
+    """Return why a joint is not where the reviewer placed the joint; None if the joint is there."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -236,8 +238,8 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """Return figures on each camera's clock, such as offset and drift against the first camera's clock, and their
-    standard errors.
+    """Return figures on each camera's clock, such as its offset and drift against the first camera's clock, and the
+    standard errors of both.
     """
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
@@ -327,7 +329,9 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
-    """Return a note if the images hardly show how tall the patient is, and no height that agrees with them is given."""
+    """Return a note if the images hardly show how tall the patient is and the user gave no height that agrees with the
+    images.
+    """
     if learnt is None or run.shape is None:
         return []
     if run.room.recording.subject.height_m is not None and not learnt.contradiction:
@@ -343,7 +347,7 @@ def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
 
 
 def _height(asset: BodyAsset, belief: ShapeBelief) -> tuple[float, float]:
-    """Return the standing height and its standard deviation, metres."""
+    """Return the standing height of a body shape and its standard deviation, metres."""
     height_m, row = standing_height(asset, belief.shape)
     return height_m, float(np.sqrt(belief.variance(row[None])[0]))
 

@@ -1,5 +1,5 @@
-"""Define the body asset, the stored model of human bodies: mean adult, shape basis, skeleton and skinning weights. It
-is built by ``tools/build_body_asset.py``.
+"""Define the body asset, the stored model of human bodies: mean adult, shape basis, skeleton and skinning weights. The
+asset is built by ``tools/build_body_asset.py``.
 """
 
 from __future__ import annotations
@@ -48,18 +48,19 @@ class BodyAsset:
     vertices: np.ndarray  # (v, 3) skin of the mean adult
     vertex_basis: np.ndarray  # (k, v, 3) change of the skin by one unit of each shape coefficient
     bone_heads: np.ndarray  # (b, 3) first ends of the mean adult's bones
-    bone_head_basis: np.ndarray  # (k, b, 3) change of these first ends by one unit of each coefficient
+    bone_head_basis: np.ndarray  # (k, b, 3) change of the bones' first ends by one unit of each shape coefficient
     bone_tails: np.ndarray  # (b, 3) second ends of the mean adult's bones
-    bone_tail_basis: np.ndarray  # (k, b, 3) change of these second ends by one unit of each coefficient
+    bone_tail_basis: np.ndarray  # (k, b, 3) change of the bones' second ends by one unit of each shape coefficient
     bone_names: tuple[str, ...]
     bone_parents: np.ndarray  # (b,) int, index of each bone's parent, -1 for the root; parents come before children
     skin_bones: np.ndarray  # (v, w) bones that move each vertex by linear blend skinning
-    skin_weights: np.ndarray  # (v, w) weights of these bones, each row sums to 1
+    skin_weights: np.ndarray  # (v, w) weights of the bones in ``skin_bones``; each row sums to 1
     faces: np.ndarray  # (f, 3) int32, vertices of each triangle, counter-clockwise seen from outside
     adult_sigma: np.ndarray  # (c,) standard deviation of each whole-body coefficient among adults; the mean is 0
-    child_mean: np.ndarray  # (c,) mean of these coefficients in children 0.95 to 1.60 m tall
-    child_covariance: np.ndarray  # (c, c) covariance of these coefficients in the same children
-    own_names: tuple[str, ...] = ()  # names of the last coefficients; each changes one body segment (``segments.py``)
+    child_mean: np.ndarray  # (c,) mean of the whole-body coefficients in children 0.95 to 1.60 m tall
+    child_covariance: np.ndarray  # (c, c) covariance of the whole-body coefficients in these children
+    # names of the last shape coefficients, each of which changes one body segment (``segments.py``)
+    own_names: tuple[str, ...] = ()
 
     @property
     def shape_count(self) -> int:
@@ -68,7 +69,9 @@ class BodyAsset:
 
     @property
     def common_count(self) -> int:
-        """Return the number of coefficients that change the whole body, left and right equally; they come first."""
+        """Return the number of coefficients that change the whole body, left and right equally; these coefficients come
+        first.
+        """
         return len(self.vertex_basis) - len(self.own_names)
 
     def bone(self, name: str) -> int:
@@ -76,7 +79,7 @@ class BodyAsset:
         return self.bone_names.index(name)
 
     def own_row(self, name: str) -> int:
-        """Return the index, among all shape coefficients, of the one with this name in ``own_names``."""
+        """Return the index, among all shape coefficients, of the coefficient with this name in ``own_names``."""
         return self.common_count + self.own_names.index(name)
 
     def main_bone(self) -> np.ndarray:

@@ -11,13 +11,15 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-# s; a predicted pose that proves wrong gets the uncertainty that it would have after this time without observations
+# s; a predicted pose that proves wrong gets the uncertainty that a pose has after this time without observations
 UNSEEN_S: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to leave it by a random walk."""
+    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to depart from it by a random
+    walk.
+    """
 
     turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
     root_sigma_m: float  # m, standard deviation of the pelvis from its predicted place after one second, per axis
@@ -35,12 +37,14 @@ PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBelief:
-    """A pose and its uncertainty. Rows and columns of both matrices: parameters of a pose change (``Pose.moved``)."""
+    """A pose and its uncertainty. Both matrices have a row and a column per parameter of a pose change
+    (``Pose.moved``).
+    """
 
     pose: Pose
     covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) given all observations and the prior knowledge of joint angles
     # (POSE_SIZE, POSE_SIZE) inverse of the covariance given all observations so far. Prior knowledge of joint angles is
-    # not included: every frame adds this knowledge again, and it must not count twice.
+    # not included, since every frame adds it again and it must not count twice.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
@@ -51,7 +55,7 @@ class PoseBelief:
         """Return the belief in another pose, with the given variance (POSE_SIZE,) added to each parameter.
 
         The added variance is correlated between joints that people bend together. So if a visible hip bends, the
-        estimate of the hidden knee below it bends, too.
+        estimate of the hidden knee of the same leg bends, too.
         """
         sigma = np.sqrt(variance)
         growth = sigma[:, None] * turns_together(load_body_asset()) * sigma
@@ -71,8 +75,8 @@ def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
 
     unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk (columns: lower part; chest, neck and
     head), each other row a limb (columns: part up to elbow or knee; part beyond). The shorter this time, the smaller
-    the part's standard deviation. inf: the part was never seen. 0: this frame shows the part, and earlier frames are
-    not used. None: 0 for all parts.
+    the part's standard deviation. inf means that the part was never seen; 0 means that this frame shows the part, and
+    earlier frames are not used. None: 0 for all parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

@@ -12,11 +12,11 @@ from anchorpose.settings import Count, Positive, settings
 
 class Source(StrEnum):
     """A source of other poses, which are tried if a pose is in doubt, that is, may be wrong (``body.proposals``). All
-    sources except the last also serve to find out whether a pose is in doubt.
+    sources except the last also serve to detect that a pose is in doubt.
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # ends of limbs, found by geodesic distances: named as hand or foot, or without a name
+    ANCHORS = "anchors"  # ends of limbs, found by geodesic distances; each is named as a hand or foot, or has no name
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
     # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
     SIDES = "sides"
@@ -39,9 +39,9 @@ class RegistrationConfig:
     node_count: Count = 2500  # maximum number of nodes used; enough for a pose's 60 parameters, and more only cost time
     # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
     surface_sigma_m: Positive = 0.010
-    # number of neighbouring nodes that count as one observation, since they share errors
+    # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0
-    # sources of other poses for a pose in doubt; fewer than all are only used to compare methods
+    # sources of other poses for a pose in doubt; all are used, except to compare methods
     sources: tuple[Source, ...] = tuple(Source)
 
 
@@ -50,10 +50,11 @@ class LearningConfig:
     """Settings of learning the patient's body shape."""
 
     own_shape: bool = True  # whether the shape is learnt; False = use the mean adult of the given or visible height
-    # s, length of a time window whose frames are fitted together; patients move enough in it to show where limbs bend
+    # s, length of a time window whose frames are fitted together; in this time, patients move enough to show where
+    # limbs bend
     window_s: Positive = 4.0
-    # s, total duration of the frames from which the shape is learnt; later they are tracked again. More frames do not
-    # improve the shape
+    # s, total duration of the frames from which the shape is learnt; more frames do not improve the shape. These frames
+    # are later tracked again
     longest_s: Positive = 30.0
     frame_count: Count = 12  # maximum number of frames of the first window that are fitted; more only repeat poses
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day

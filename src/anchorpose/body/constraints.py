@@ -16,19 +16,23 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-NORMAL_WEIGHT_M: Final = 0.10  # m; normals 60 degrees apart count as this distance in the search for the nearest skin
-UNCOVERED_M: Final = 0.03  # m, spacing of skin points; a node farther than this from all skin points is not covered
+# m; in the search for the nearest skin, an angle of 60 degrees between two normals counts as much as this distance
+NORMAL_WEIGHT_M: Final = 0.10
+# m, spacing of skin points; the body does not cover a node that is farther than this from all skin points
+UNCOVERED_M: Final = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraints:
-    """Equations on the posed skin. Each row demands ``direction . (skin point - target) = 0``, with some error."""
+    """Equations on the posed skin. Each row demands ``direction . (skin point - target) = 0``, up to an error of
+    ``sigma_m``.
+    """
 
     point: np.ndarray  # (n,) index into the skin points
-    target_m: np.ndarray  # (n, 3) world
+    target_m: np.ndarray  # (n, 3) m, place in the world to which the skin point is pulled
     direction: np.ndarray  # (n, 3) unit vectors
     sigma_m: np.ndarray  # (n,) standard deviation
-    scale_m: np.ndarray  # (n,) m, residual at which the robust kernel reduces a row's weight to a quarter
+    scale_m: np.ndarray  # (n,) m, residual of a row at which the robust kernel reduces the row's weight to a quarter
 
     def where(self, chosen: np.ndarray) -> Constraints:
         """Return the rows where ``chosen`` (n,) bool is True."""
@@ -97,7 +101,9 @@ def rows_of_nodes(
 
 @lru_cache(maxsize=8)  # cached, since all steps of a registration use the same nodes
 def _nodes_for_kernels(surface: Nodes, count: int) -> tuple[np.ndarray, Oriented, np.ndarray]:
-    """Return the indices of up to ``count`` nodes, their places and normals, and the camera (index) that saw each."""
+    """Return the indices of up to ``count`` nodes, their places and normals, and the index of the camera that saw each
+    node.
+    """
     chosen = thin(len(surface), count)
     nodes = Oriented(surface.points_m[chosen].astype(np.float64), surface.normals[chosen].astype(np.float64))
     return chosen, nodes, surface.camera[chosen].astype(np.int64)

@@ -71,7 +71,8 @@ def region_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
-    """Return the region (p,) of skin points, an index into ``REGIONS``; a knee is the skin around the knee joint.
+    """Return the region (p,) of skin points, an index into ``REGIONS``; the region of a knee is the skin around its
+    joint.
 
     part (p,): bone that moves each point most; place_m (p, 3): each point in the rest pose; heads_m (b, 3): the first
     end of each bone in the rest pose.
@@ -97,7 +98,9 @@ def area_of_point(points: SkinPoints) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
-    """Pairs of a skin point of the patient and a person within a hand's length of it, sorted by person, then point."""
+    """Pairs of a skin point of the patient and another person within a hand's length of this point, sorted by person,
+    then by point.
+    """
 
     person: np.ndarray  # (n,) uint8, pixel label of the other person
     point: np.ndarray  # (n,) int32, skin point of the patient
@@ -149,15 +152,17 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 
 SIDES = ("Left", "Right")
-PLACES: Final = 6  # number of skin points by which a standing foot is held, enough for its place and rotation
+PLACES: Final = 6  # number of skin points by which a standing foot is held; enough to fix the foot's place and rotation
 STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this time; in a step, the sole rests for less
-STILL_M: Final = 0.03  # m, maximum movement of the ankle of a foot at rest: a visible ankle's place has this error
+# m, maximum movement of the ankle of a foot at rest: the estimated place of a visible ankle has this error
+STILL_M: Final = 0.03
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
-# m/s, growth of this standard deviation while the foot is hidden; in two seconds it grows by the length of a small step
+# m/s, growth of ``SIGMA_M`` while the foot is hidden; in two seconds it grows by the length of a small step
 DRIFT_M_S: Final = 0.05
 # m; a hidden foot is assumed to stand if it is less than this above the floor in the pose, since the pose has errors
 ON_FLOOR_M: Final = 0.10
-DOUBT_M: Final = 0.10  # m, scale of the robust kernel in ``rows``: if the visible knee moves farther, the foot follows
+# m, scale of the robust kernel in ``rows``: if the visible knee moves farther than this, the hidden foot follows
+DOUBT_M: Final = 0.10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,9 +202,9 @@ class StandingFeet:
         """Update where feet stand by one more registered frame. A visible foot stands if its ankle was at rest.
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
-        if unknown. A hidden foot stays where it stood, unless cameras see past this
-        place. A hidden foot that was never seen standing, but is on the floor in the registered pose, is held there
-        until the next frame, so that it does not swing if the visible hip and knee bend.
+        if unknown. A hidden foot stays where it stood, unless cameras see past this place. A foot may be hidden without
+        ever having been seen standing. If it is on the floor in the registered pose, it is held there until the next
+        frame, so that it does not swing if the visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]

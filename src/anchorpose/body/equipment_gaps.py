@@ -13,7 +13,7 @@ from anchorpose.body.skin_points import SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
-NEAR_M: Final = 0.12  # m, maximum gap that is stored; gaps that may be contacts are all far smaller
+NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that may be contacts are far smaller
 # m, standard deviation of the equipment model's surface; docs/guide/equipment.md allows errors of two sigma (0.01 m)
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
@@ -21,7 +21,7 @@ SAMPLING_M: Final = 0.005
 skin between the points. The value is the mean difference over hands, arms, thighs and pelvis in two simulated clinics
 (seeds 52001 and 52002); the means of single regions were -2 to 9 mm."""
 
-# regions that are left out, since feet always touch the floor and objects on it
+# body regions without gaps, since feet always touch the floor and objects on the floor
 FEET: Final = ("foot_left", "foot_right")
 
 _ENDS: Final = {
@@ -52,7 +52,7 @@ REGION_JOINTS: Final = {region: _joints_of(region) for region in REGIONS if regi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentGaps:
-    """Pairs of an equipment part and a body region within ``NEAR_M`` of it, sorted by part, then region."""
+    """Pairs of an equipment part and a body region within ``NEAR_M`` of this part, sorted by part, then by region."""
 
     part: np.ndarray  # (n,) int16, index into the parts of the equipment model
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
@@ -60,7 +60,8 @@ class EquipmentGaps:
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
     area_m2: np.ndarray
-    # (n,) float32, share of this skin's camera-facing points that are seen; 0 if no point faces a camera
+    # (n,) float32, share of the camera-facing skin points within ``reach_m`` that are seen; 0 if no point faces a
+    # camera
     shown: np.ndarray
 
 
@@ -82,8 +83,9 @@ def find_equipment_gaps(
 ) -> EquipmentGaps:
     """Return the gaps between the patient's skin and the equipment in one frame.
 
-    skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): NaN for a lost joint; its regions then have
-    no gaps. reach_m: maximum distance between equipment and the skin that counts in ``area_m2`` and ``shown``.
+    skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): NaN for a lost joint; regions of the body
+    with a lost joint have no gaps. reach_m: maximum distance between equipment and the skin that counts in ``area_m2``
+    and ``shown``.
     """
     region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region])
@@ -103,8 +105,8 @@ def find_equipment_gaps(
 
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return part, region and gap (k,) for the k regions near one part of the equipment; and (3, k): for each row of
-    ``counted``, how many skin points of each region are True.
+    """Return part, region and gap (k,) for the k body regions near one part of the equipment. Also return (3, k): for
+    each row of ``counted``, how many skin points of each region are True.
 
     distance_m, region (n,): for each skin point around the part, its distance from the part and its body region.
     counted: (3, n) bool.
@@ -117,7 +119,9 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in the box. Testing one axis after another takes half the time of all at once."""
+    """Return (p,) bool: points in the box. Testing one axis after another takes half the time of testing all axes at
+    once.
+    """
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):
         inside &= (skin_m[:, axis] > low_m[axis]) & (skin_m[:, axis] < high_m[axis])
@@ -125,8 +129,8 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (regions,) of each region's skin relative to the equipment, metres. It is NaN for
-    feet (``FEET``), and if a joint of the region is lost: joint_sigma_m (21,) is NaN for lost joints.
+    """Return the standard deviation (regions,) of each region's skin relative to the equipment, metres. The result is
+    NaN for feet (``FEET``) and for regions with a lost joint. joint_sigma_m (21,): NaN for lost joints.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]

@@ -21,7 +21,8 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-OUTLINE_SIGMA_M: Final = 0.020  # m, sigma of the patient's outline, which flickers by one to two pixels at 2.5 m
+# m, sigma of the patient's outline, which flickers by one to two pixels at a distance of 2.5 m
+OUTLINE_SIGMA_M: Final = 0.020
 # pixels, minimum width of an object that may hide a limb; the rim of missing readings around a silhouette is thinner
 THICK_PX: Final = 5
 
@@ -29,17 +30,17 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m below the skin of one shank, half of a shank's thickness: points at this depth must stay outside the other shank
+# m, depth below the skin of one shank at which points must stay outside the other shank: half of a shank's thickness
 _FLESH_M: Final = 0.03
-# m, half a trunk's thickness; points deeper than this in a body part are not pushed out of it, since the nearest skin
-# may be on the wrong side
+# m, half a trunk's thickness; points deeper than this in a body part are not pushed out of this part, since the nearest
+# skin may be on the wrong side
 _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
 # m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor, chosen so that a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 if far
-# higher): in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor, chosen so that a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 nats if it is
+# far higher): in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
 _IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot hardly grows beyond this height
 
@@ -67,9 +68,9 @@ def gather_evidence(
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows for a pose: nodes within reach_m pull the skin; skin that should be seen, but is not,
-    is pulled to the outline; forearms and hands stay out of the trunk, and the shanks out of each other; no skin is
-    below the floor, and feet stand on it.
+    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin that should be seen, but is not,
+    is pulled to the outline. Forearms and hands stay out of the trunk, and the shanks out of each other. No skin is
+    below the floor, and feet stand on the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -87,9 +88,9 @@ def find_outline(view: View) -> np.ndarray | None:
     """Return (height, width) bool: pixels where the patient is seen or may be hidden; None if the patient is not in the
     view.
 
-    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. At a pixel
-    that shows the background, or a person farther from the camera, the patient cannot be. The thin rim of lost and
-    wrong readings along every silhouette counts as background.
+    The patient may be hidden behind equipment, behind another person, and at pixels without a reading. The patient
+    cannot be at a pixel that shows the background or a person farther from the camera. The thin rim of lost and wrong
+    readings along every silhouette counts as background.
     """
     import cv2
 
@@ -109,9 +110,9 @@ def outline_constraints(
 ) -> Constraints:
     """Return rows that pull skin points that should be seen, but are not, to the patient's outline.
 
-    If a pixel shows the background or another person, no skin of the patient can be in front of it: the camera would
-    see it. A skin point there is pulled sideways, at its own depth, to the nearest pixel of ``outline``, where the
-    patient is seen or may be hidden. Skin points at pixels of equipment or without a reading get no row.
+    If a pixel shows the background or another person, no skin of the patient can be in front of them: the camera would
+    see the patient. A skin point there is pulled sideways, at its own depth, to the nearest pixel of ``outline``, where
+    the patient is seen or may be hidden. Skin points at pixels of equipment or without a reading get no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
@@ -162,8 +163,8 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the background or another person farther away than ``farthest``, the maximum depth
-    of the patient's skin there. Background without a reading counts, too.
+    """Return whether a pixel shows the background or another person, farther away than ``farthest``: the maximum depth
+    of the patient's skin at this pixel. Background without a reading counts, too.
     """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
@@ -181,7 +182,8 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            # the ring has only two pixels in each row between its top and bottom row
+            # pixels are searched ring by ring; between its top and bottom row, a square ring has only two pixels in
+            # each row
             step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
                 if c < 0 or c >= width or not possible[r, c]:
@@ -212,8 +214,8 @@ def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
-    There is a row for each skin point of a forearm or hand inside the trunk. Shanks may touch. So a skin point of the
-    left shank or foot gets a row only if the place ``_FLESH_M`` below this skin lies inside the right shank or foot.
+    Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
+    shank or foot gets a row only if the place ``_FLESH_M`` below this point lies inside the right shank or foot.
     Without these rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
@@ -246,7 +248,7 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
     """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
-    as less if the foot is far above the floor. By this row, a leg that no camera sees keeps its foot on the floor.
+    as less if the foot is far above the floor. This row keeps the foot of a leg that no camera sees on the floor.
     """
     feet = [foot[posed.points_m[foot, 1].argmin()] for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
@@ -272,8 +274,8 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each tested place ``asked[arms]`` with a point of ``trunk`` nearer than ``_DEEPEST_M``, its row in
-    ``arms`` and the nearest point's row in ``trunk``. ``arms`` and ``trunk`` may also be two shanks.
+    """Return, for each tested place ``asked[arms]`` that has a point of ``trunk`` nearer than ``_DEEPEST_M``, the
+    place's row in ``arms`` and the nearest point's row in ``trunk``. ``arms`` and ``trunk`` may also be two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

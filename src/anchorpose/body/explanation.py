@@ -33,16 +33,19 @@ LEAST_FACING: Final = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """How well one pose explains one frame: which nodes its skin covers, and which skin cameras see past."""
+    """The measures of how well a pose explains a frame: the nodes that the posed skin covers, and the skin that cameras
+    see past.
+    """
 
     covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
     node: np.ndarray  # (u,) int, index of each examined node that no posed skin covers
-    thinned: float  # number of surface nodes per examined node
-    uncovered_m2: float  # area of skin that one camera's uncovered nodes represent; the largest value of all cameras
+    thinned: float  # ratio of the number of surface nodes to the number of examined nodes
+    # area of skin that the uncovered nodes of one camera represent; the largest value of all cameras
+    uncovered_m2: float
     # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
     # too little of the limb is in view
     seen_past: np.ndarray
-    covering: np.ndarray  # (p,) bool, whether the skin point covers a node
+    covering: np.ndarray  # (p,) bool, whether the skin point covers a node (is the nearest to it)
 
 
 @lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
@@ -61,7 +64,9 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return (c,) m2: per camera, the area perpendicular to its rays that one node represents; 0 without nodes."""
+    """Return (c,) m2: for each camera, the area that one of its nodes represents, perpendicular to the rays; 0 without
+    nodes.
+    """
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
     for number, (view, camera) in enumerate(zip(evidence.views, evidence.cameras, strict=True)):
@@ -88,8 +93,8 @@ def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
     """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If the
-    body's facing is uncertain, this is better than the largest share of one camera: a camera that sees the body from
-    the side sees past more of it than the others.
+    body's facing is uncertain, this share is better than the largest share of one camera: a camera that sees the body
+    from the side sees past more of the body than other cameras do.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -99,7 +104,9 @@ def seen_past_by_all(
 def _seen_past_counts(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, per camera, how many skin points of each limb (PARTS,) it sees past, and how many it could see past."""
+    """Yield, for each camera, how many skin points of each limb (PARTS,) it sees past, and how many points it could see
+    past.
+    """
     limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
@@ -110,7 +117,9 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, per limb (PARTS,), how many points the camera sees past, and how many face it at pixels with readings."""
+    """Return, per limb (PARTS,), how many skin points the camera sees past, and how many face the camera at pixels with
+    readings.
+    """
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
         if facing[p] and reason[p] != SkinReason.OUTSIDE and reason[p] != SkinReason.HOLE:
@@ -132,7 +141,9 @@ def segment_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone, or of its nearest ancestor that is listed."""
+    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone or, if the bone is not listed, of its nearest
+    listed ancestor.
+    """
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}
     for bone in np.unique(points.part):

@@ -1,5 +1,5 @@
-"""Fit the pose (and shape) of the articulated body to constraint rows by Gauss-Newton steps. Priors are the ranges in
-which people's joints bend.
+"""Fit the pose (and shape) of the articulated body to constraint rows by Gauss-Newton steps. The ranges in which
+people's joints bend serve as priors.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of how far a knee, elbow or hip bends past its limit
-# number of observations from which a part of a limb counts as seen; a single observation may be an outlier
+# minimum number of observations of a part of a limb that counts as seen; a single observation may be an outlier
 LEAST_OBSERVED: Final = 2.0
 MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
 
@@ -52,7 +52,8 @@ def pose_equations(
 ) -> NormalEquations:
     """Return the normal equations of one frame from its constraint rows and the prior.
 
-    prior: the prior on the pose, from ``prior_equations``. free: which shape parameters are fitted, too; None: none.
+    prior: the prior on the pose, from ``prior_equations``. free: the shape parameters that are fitted, too; None: only
+    the pose is fitted.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -72,8 +73,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the bones, as rows of ``MOVING_BONES``, of all parts of limbs (up to elbow or knee, and beyond) that count
-    as hidden, since they have fewer than ``LEAST_OBSERVED`` observations.
+    """Return the bones, as rows of ``MOVING_BONES``, of hidden parts of limbs (a part reaches up to elbow or knee, or
+    lies beyond). A part is hidden if it has fewer than ``LEAST_OBSERVED`` observations.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))

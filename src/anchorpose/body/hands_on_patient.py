@@ -1,8 +1,8 @@
-"""Find hands of other people that have the patient's label: readings that lie away from the patient's posed skin and
-are connected to another person.
+"""Find hands of other people that have the patient's label: readings with this label that lie away from the patient's
+posed skin and are connected to another person.
 
-There is no step in depth around a hand that holds the patient, so segmentation often gives the hand the patient's
-label. The patient's posed skin reveals the error, since it lies a hand's thickness below the readings of the hand.
+A hand that holds the patient has no step in depth around it, so segmentation often gives the hand the patient's label.
+The patient's posed skin reveals the error, since it lies a hand's thickness below the readings of the hand.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from anchorpose.isolation.components import JumpLimit, label_components
 from anchorpose.isolation.view import PixelLabel, View
 
 HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
-# m; a reading farther than this above the patient's posed skin may show another person's fingers; most errors of the
+# m; a reading farther than this outside the patient's posed skin may show another person's fingers; most errors of the
 # learnt skin are smaller
 STANDS_OFF_M: Final = 0.015
 SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; readings farther from all skin points show something else
@@ -70,7 +70,9 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` above the nearest skin or ``SKIN_REACH_M`` from it."""
+    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` outside the nearest skin, or over ``SKIN_REACH_M`` away
+    from all skin.
+    """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
     return np.asarray((nearest < 0) | (outwards > STANDS_OFF_M))
@@ -80,7 +82,7 @@ def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
     """Return (n,) uint8: label of the other person to whom each pixel (row, column) is connected without a step in
-    depth; 0 if there is none.
+    depth; 0 without such a person.
     """
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()

@@ -1,8 +1,8 @@
 """Find a person's first pose, and a first estimate of the patient's shape, without a predicted pose.
 
 The learnt descriptor matches pixels to places on the body. Poses are fitted to these matches and then registered to the
-surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_pose`` is
-for other people, with a body of given shape.
+surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_pose``
+serves for other people and uses a body of given shape.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ fitted to the descriptor's matches, which have errors of up to 0.2 m on hands.""
 
 # number of first steps that fit the pose alone; while the pose is still inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
-_ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)  # m, the same for ``find_rough_pose``, which takes fewer steps
+# m, maximum distance at which a node pulls the skin, per step of ``find_rough_pose``, which takes fewer steps
+_ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +51,14 @@ class FirstPose:
         return self.belief.shape
 
     def ahead_of(self, turned: FirstPose) -> float:
-        """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference of their
-        ``log`` has an error, so it is reduced (``believed``).
+        """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference between
+        the ``log`` of both poses is reduced (``believed``), since it has an error.
         """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
     def facing_as(self, pose: Pose) -> FirstPose:
-        """Return this pose, or the one of ``others`` with its shape, that faces as ``pose`` does; ``self`` if none
-        does.
+        """Return the first pose that faces as ``pose`` does: this one, or one of ``others`` with the same shape;
+        ``self`` if none does.
         """
         alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
         other = next(alike, None) if pose.faces_away(self.pose) else None
@@ -66,7 +67,7 @@ class FirstPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:
-    """The knowledge of the shape before the first pose."""
+    """The knowledge of the patient's shape before the first pose is found."""
 
     # shapes to try: the patient's learnt shape, or an adult's and a child's shape of the stated or visible stature
     tried: Sequence[ShapeBelief]
@@ -76,8 +77,8 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable; then fit this body with the
-    opposite facing, too. Return the likelier facing, with the alternatives in ``others``.
+    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable body; then fit this body with
+    the opposite facing, too. Return the pose with the likelier facing, and the alternatives in ``others``.
 
     A learnt body is valid only for the facing with which it was learnt, so a new body is fitted for the other facing.
     """

@@ -13,20 +13,24 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-# m, assumed sigma of given joints; predicted joints are means over whole body parts, so a closer fit is meaningless
+# m, assumed sigma of given joints; predicted joints are means over whole body parts, so a fit closer than this is
+# meaningless
 JOINT_SIGMA_M: Final = 0.01
-# maximum distance of a joint from its corrected place, in combined sigmas of both. Random errors exceed it in 1 of 400
-# cases, so if a joint is farther away, its limb is taken as misplaced
+# maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction. Random
+# errors exceed it in 1 of 400 cases, so if a joint is farther away, its limb counts as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose
 _CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
 
 
 def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
-    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); NaN: the joint may be anywhere."""
+    """Return the pose near ``start`` whose joints come closest to joints_m (21, 3); a joint that is NaN may be
+    anywhere.
+    """
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))  # parameters that the joints do not determine keep their values
+    # prior by which parameters that the joints do not determine keep their values
+    nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))
     pose = start
     for _ in range(_STEPS):
         transforms = body.transforms(pose)
@@ -45,8 +49,8 @@ class CorrectedJoints:
     """Joints of one frame that a reviewer placed."""
 
     joint: np.ndarray  # (k,) index into ``JOINT_NAMES``
-    position_m: np.ndarray  # (k, 3) world
-    sigma_m: np.ndarray  # (k,) standard deviation per axis
+    position_m: np.ndarray  # (k, 3) m, corrected place of each joint in the world
+    sigma_m: np.ndarray  # (k,) m, standard deviation of each corrected place per axis
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
@@ -60,7 +64,7 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief with the limbs of corrected joints as uncertain as if nobody had seen them for ``UNSEEN_S``."""
+    """Return the belief, with limbs of corrected joints as uncertain as if no camera had seen them for ``UNSEEN_S``."""
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
@@ -69,10 +73,10 @@ def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
 
 
 def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints, inflation: float = 1.0) -> PoseBelief:
-    """Combine a belief with the corrected joints into the most probable pose, with the same bone lengths.
+    """Combine a belief with the corrected joints into the most probable pose; bones keep their lengths.
 
     inflation: factor that later converts the posterior's sigma to the reported sigma (``UncertaintyConfig``). The
-    corrections are weighted so that the reported sigma of a corrected joint is the reviewer's.
+    corrections are weighted so that the reported sigma of a corrected joint is the sigma that the reviewer gave.
     """
     worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose

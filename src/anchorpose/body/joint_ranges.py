@@ -2,8 +2,8 @@
 
 With a range for each joint alone, a hidden leg of a seated person would hang straight. But joints of one limb bend
 together, and so do left and right. These correlations were measured in motion capture of rehabilitation exercises
-(``tools/measure_limb_turns.py``). They predict hidden parts of limbs and decide which of two poses is likelier. They do
-not affect visible parts.
+(``tools/measure_limb_turns.py``). The correlations predict hidden parts of limbs and decide which of two poses is
+likelier. They do not affect visible parts.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ class JointRange(NamedTuple):
     mean: np.ndarray  # (m, 3) rad, rotation vectors
     information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
     hinge: np.ndarray  # (m, 3) unit axis about which an elbow, knee or hip bends; 0 for other bones
-    hinge_limit: np.ndarray  # (m,) rad, minimum rotation about this axis
+    hinge_limit: np.ndarray  # (m,) rad, minimum rotation about the axis ``hinge``
 
 
 # Standard deviations in degrees of turns about the rest pose's axes X (abduction), Y (twist) and Z (flexion): about
-# half of the passive ranges in the textbooks. They are broad, since they should only decide where depth images do not.
+# half of the passive ranges in the textbooks. These spreads are broad, since they should only decide where depth images
+# do not.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -53,9 +54,9 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 HIP_EXTENSION: Final = 25.0 * DEGREE
 # minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
-# rad, flexion below which a knee is less probable. Knees stop at the straight leg, in different people with a standard
-# deviation of 3 degrees (Roaas and Andersson 1982). The cost, -2 log of the share of people whose knees extend so
-# far, is about a parabola that begins one standard deviation before the straight leg
+# rad, flexion of a knee below which a pose is less probable. Knees stop at the straight leg; this angle differs between
+# people by a standard deviation of 3 degrees (Roaas and Andersson 1982). The cost, -2 log of the share of people whose
+# knees extend so far, is about a parabola that begins one standard deviation before the straight leg
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
@@ -69,8 +70,8 @@ of seated people's thighs on real depth by 2 degrees (UTD-MHAD)."""
 class LimbTurns(NamedTuple):
     """Statistics, in motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
 
-    mean: np.ndarray  # (k,) rad
-    covariance: np.ndarray  # (k, k)
+    mean: np.ndarray  # (k,) rad, mean of each turn
+    covariance: np.ndarray  # (k, k) covariance of the turns
 
 
 @cache
@@ -84,12 +85,12 @@ def limb_turns() -> LimbTurns:
 
 
 def captured_turns() -> np.ndarray:
-    """Return the matrix (k, 3 m) that computes the k turns that motion capture measured, left side first, from the
-    rotation vectors of the m moving bones.
+    """Return the matrix (k, 3 m) that maps the rotation vectors of the m moving bones to the k turns that motion
+    capture measured, left side first.
 
     These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
-    about its long axis or in which direction a foot points. They include no joint of the lower back, so the flexion of
-    a hip is measured from the whole trunk to the thigh.
+    about its long axis or in which direction a foot points. Captured joints include no joint of the lower back, so the
+    flexion of a hip is measured from the whole trunk to the thigh.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -127,9 +128,9 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
     """Return the joint range of the asset's skeleton; the root (pelvis) may turn freely.
 
-    hidden: rows of ``MOVING_BONES`` for hidden bones. Their turns are predicted from the turns of visible bones, by the
-    statistics of motion capture. Visible bones have the widened ranges of the textbooks (``SEEN_SPREAD``) about the
-    rest pose. None: all bones follow the statistics of motion capture.
+    hidden: rows of ``MOVING_BONES`` for hidden bones. The turns of hidden bones are predicted from the turns of visible
+    bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks (``SEEN_SPREAD``)
+    about the rest pose. None: all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -157,7 +158,8 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 class _Textbook(NamedTuple):
     """Joint ranges by textbooks alone; fields without a comment are described in ``JointRange``."""
 
-    covariance: np.ndarray  # (3 m, 3 m) covariance of the bones' turns, with independent bones; 0 for the root
+    # (3 m, 3 m) covariance of the bones' turns if bones turn independently of each other; 0 for the root
+    covariance: np.ndarray
     hinge: np.ndarray
     hinge_limit: np.ndarray
 
@@ -206,7 +208,7 @@ def _as_captured(asset: BodyAsset) -> JointRange:
     expected = shown @ ranges @ shown.T
     gain = np.linalg.solve(expected, shown @ ranges).T
     covariance = ranges + gain @ (_of_people(expected, turns) - expected) @ gain.T
-    for spine in _SPINE:  # the spine bends more and both hips less, or vice versa
+    for spine in _SPINE:  # add the variance of poses in which the spine bends more and both hips less, or vice versa
         slump = np.zeros((count, 3))
         slump[[MOVING_BONES.index(bone) for bone in (spine, "LeftUpLeg", "RightUpLeg")], 2] = 1.0
         flexion = 3 * MOVING_BONES.index(spine) + 2
@@ -217,9 +219,9 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people: by motion capture, plus an independent variance of
-    each turn, since other people move differently from those captured. The sum is at least the variance by the
-    textbooks.
+    """Return the covariance (k, k) of ``captured_turns`` in people. It is the covariance by motion capture plus an
+    independent variance of each turn, since other people move differently from those captured. The total variance is at
+    least that of the textbooks.
 
     expected (k, k): covariance of the same turns by the textbooks.
     """
@@ -243,7 +245,7 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
 
 
 RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm above which the shoulder girdle moves, too
-# turn of the girdle, divided by the arm's elevation above RAISED; the girdle of an arm that points up turns by
+# turn of the shoulder girdle, divided by the arm's elevation above RAISED; the girdle of an arm that points up turns by
 # 30 degrees (Inman et al. 1944)
 RHYTHM: Final = 0.2
 
@@ -252,8 +254,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
     """Return ``joint_range``, but the mean turn of each shoulder girdle grows with the elevation of its arm in the
     pose.
 
-    A step of the fit takes this mean as constant, so the mean pulls the girdle but not the arm. Source: Inman, Saunders
-    and Abbott 1944 (J Bone Joint Surg 26:1).
+    A step of the fit takes the girdle's mean turn as constant, so this mean pulls the girdle but not the arm. Source:
+    Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

@@ -18,7 +18,7 @@ class BodyMesh:
     """One person's skin and skeleton in the rest pose. Axes and units are those of ``BodyAsset``."""
 
     asset: BodyAsset
-    vertices: np.ndarray  # (v, 3) skin
+    vertices: np.ndarray  # (v, 3) places of the skin's vertices
     bone_heads: np.ndarray  # (b, 3) first ends of the bones
     bone_tails: np.ndarray  # (b, 3) second ends of the bones
 
@@ -100,7 +100,7 @@ def skin(
     bones: np.ndarray, weights: np.ndarray, transforms: np.ndarray, rest_m: np.ndarray, rest_normals: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return posed points and unit normals (p, 3) by linear blend skinning. bones, weights (p, w): the bones that move
-    each point and their weights, the largest weight first; a weight of 0 ends the row.
+    each point and their weights, the largest weight first; a weight of 0 ends the list of a point.
     """
     points, normals = np.empty_like(rest_m), np.empty_like(rest_normals)
     blend = np.empty((3, 4))
@@ -131,8 +131,8 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return pivot (m, 3): the head of each moving bone in the world; and frame (m, 3, 3): the parent's axes, about
-    which the bone turns.
+    """Return, for each moving bone, its pivot (m, 3), which is the bone's head in the world, and its frame (m, 3, 3),
+    which has the axes of the parent bone, about which the bone turns.
     """
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
     for m in range(len(moving)):
@@ -177,13 +177,13 @@ _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "Up
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:
-    """Return the first bone that is missing if a part such as ``shank_left`` is missing."""
+    """Return the first bone (nearest to the trunk) that a body without a part such as ``shank_left`` lacks."""
     name, side = part.rsplit("_", 1)
     return asset.bone(f"{side.capitalize()}{_STUMPS[name]}")
 
 
 def below(asset: BodyAsset, bone: int) -> np.ndarray:
-    """Return (b,) bool: the bone and all bones below it."""
+    """Return (b,) bool: True for a bone and all its descendants in the skeleton."""
     found = np.zeros(len(asset.bone_names), bool)
     found[bone] = True
     for other, parent in enumerate(asset.bone_parents.tolist()):  # parents come before children
@@ -205,7 +205,7 @@ def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
 
 
 def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence[str]) -> np.ndarray:
-    """Return (p,) bool: points on missing parts. part_of_points (p,): the bone that moves each point most."""
+    """Return (p,) bool: skin points on missing parts. part_of_points (p,): the bone that moves each point most."""
     return np.isin(part_of_points, np.flatnonzero(_missing_bones(asset, parts)))
 
 

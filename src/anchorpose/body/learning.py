@@ -22,9 +22,10 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-# m, maximum distance at which a node pulls the skin, per solver step; three more steps did not change bone lengths
+# m, maximum distance at which a node pulls the skin, for each solver step; three more steps did not change bone lengths
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)
-REFINING_M: Final = (0.07, 0.06)  # m, the same if the shape is already known from earlier frames
+# m, as ``REACHES_M``, for a shape that is already known from earlier frames
+REFINING_M: Final = (0.07, 0.06)
 LARGEST_STEP: Final = 1.0  # maximum change of a shape coefficient in one step of the solver, in standard deviations
 
 
@@ -49,7 +50,7 @@ def learn_body(
     Gauss-Newton step on the shape and all poses.
 
     shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. The more
-    certain this belief is, the less the frames change it. Raises ValueError if no frame is given.
+    certain ``known`` is, the less the frames change the shape. Raises ValueError if no frame is given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
@@ -67,8 +68,8 @@ def learn_body(
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
     """Return increasing indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Each pose is as far as possible from the poses chosen before it. Bent limbs show where their joints are, and similar
-    poses add nothing.
+    Each pose is as far as possible from the poses chosen before it. Bent limbs show where their joints are, and a pose
+    similar to a chosen pose adds nothing.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])
@@ -83,7 +84,7 @@ def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> lis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFrame:
-    """One frame to learn the shape from: its current pose and its constraints."""
+    """A frame from which the shape is learnt: its current pose and its constraints."""
 
     pose: Pose
     constraints: Constraints
@@ -98,8 +99,8 @@ def learn_shape_step(
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
-    known: the belief without these frames. Return the belief that includes them, linearised at ``shape``, and the new
-    pose of each frame.
+    known: the belief without these frames. Return the belief that includes the frames, linearised at ``shape``, and the
+    new pose of each frame.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -140,7 +141,7 @@ BONES: Final = tuple(
 skeleton, so their distance is the same in all poses."""
 
 
-LEAST_BONE_M: Final = 1e-6  # m; a shorter bone counts as missing
+LEAST_BONE_M: Final = 1e-6  # m; a bone shorter than this counts as missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
 """Systematic error (m) of a learnt bone length, due to clothes, folds and bodies that differ from the model. More
 frames do not reduce it. The values were set on suite ``bodies`` of ``benchmarks/run.py``."""

@@ -3,8 +3,8 @@
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
 a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it. A person's pixel
-beside the rendered skin shows clothes. It raises the score as well; otherwise a taller body, which fills the outline of
-loose clothes, would be more probable than the correct body.
+beside the rendered skin shows clothes, and it raises the score as well. Otherwise a taller body, which fills the
+outline of loose clothes, would be more probable than the correct body.
 """
 
 from __future__ import annotations
@@ -25,17 +25,19 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-FOOTPRINT_M: Final = 0.02  # m at the body, width of a pixel at the reduced resolution; a wrist is two such pixels wide
+# m, width at the body of a pixel at the reduced resolution; a wrist is two of these pixels wide
+FOOTPRINT_M: Final = 0.02
 # m, typical depth difference between rendered skin and reading, due to clothes and the coarse sampling of the skin
 SKIN_SIGMA_M: Final = 0.02
 ALIKE_M: Final = 0.05  # m, side of a patch of skin whose readings share one error, from clothes and folds
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
-CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the skin
+CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the person's skin
 PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body model is inexact
-# minimum number of observations that show a limb part's skin, for it to count as seen; one is 25 cm2, three fingers
+# minimum number of observations that show the skin of a part of a limb, for the part to count as seen; one observation
+# is 25 cm2, as three fingers are
 LEAST_SEEN: Final = 1.0
-# minimum share of a limb part's observations that must show its skin, for it to count as seen; for example, a strip of
-# thigh does not show the knee
+# minimum share of the observations of a part of a limb that must show its skin, for the part to count as seen; for
+# example, a strip of thigh does not show the knee
 LEAST_SHARE: Final = 0.15
 
 
@@ -44,7 +46,8 @@ class Likelihood:
     """The likelihood of the readings at each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2): a column for the part
     up to elbow or knee, and a column for the part beyond.
 
-    The last three arrays count independent observations; one observation is a patch of skin of side ``ALIKE_M``.
+    The arrays ``explained``, ``past`` and ``hidden`` count independent observations; one observation is a patch of skin
+    of side ``ALIKE_M``.
     """
 
     log: np.ndarray  # nats, log likelihood ratio of the readings with and without the body
@@ -76,8 +79,8 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """Return the nats by which a surface of this area, seen by one camera, increases the log likelihood ratio if the
-    body's skin lies exactly on it.
+    """Return by how many nats a surface of this area, seen by one camera, increases the log likelihood ratio if the
+    body's skin lies exactly on the surface.
     """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
@@ -88,14 +91,14 @@ class RenderedSkin(NamedTuple):
 
     step: int
     depth_m: np.ndarray  # (h, w) float64, depth of the nearest skin; inf without skin
-    point: np.ndarray  # (h, w) int64, the skin point there; -1 without skin
+    point: np.ndarray  # (h, w) int64, the skin point at each rendered pixel; -1 without skin
     patches: float  # area of a rendered pixel on the body divided by that of a patch of side ``ALIKE_M``, at most 1
 
 
 def render_skin(
     points: SkinPoints, skin_m: np.ndarray, camera: Camera, footprint_m: float = FOOTPRINT_M
 ) -> RenderedSkin | None:
-    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None if it is behind the camera.
+    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None if all skin is behind the camera.
 
     skin_m (p, 3): the skin points in the world.
     """
@@ -190,8 +193,8 @@ def _scored(
     own: int,
     step: int,
 ) -> np.ndarray:
-    """Return (4, 2 PARTS): log likelihood ratio, then numbers of pixels that show skin, something behind it, and
-    something in front of it.
+    """Return (4, 2 PARTS): for each part of a limb, the log likelihood ratio, then the numbers of pixels that show the
+    skin, something behind the skin, and something in front of the skin.
     """
     sums = np.zeros((4, 2 * PARTS))
     past = np.log(PAST)
@@ -223,9 +226,10 @@ def _scored(
 
 @njit(cache=True, nogil=True)
 def _gain(beyond_m: float, other: float) -> float:
-    """Return the log likelihood ratio, in nats, of a reading of the person ``beyond_m`` metres behind the skin.
+    """Return the log likelihood ratio, in nats, of a reading with the person's label that lies ``beyond_m`` metres
+    behind the skin.
 
-    other: probability density (1/m) of a reading here that is not of the skin.
+    other: probability density (1/m) of a reading at this depth that does not show the skin.
     """
     off = beyond_m / SKIN_SIGMA_M
     skin = 1.0 / (np.pi * SKIN_SIGMA_M * (1.0 + off * off))
@@ -234,7 +238,7 @@ def _gain(beyond_m: float, other: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _beside(skin_m: np.ndarray, r: int, k: int, z: float) -> tuple[int, int]:
-    """Return the row and column of that neighbour of a pixel whose skin is nearest in depth to the reading ``z``. If no
+    """Return the row and column of the neighbouring pixel whose skin is nearest in depth to the reading ``z``. If no
     neighbour shows skin, return the pixel itself.
     """
     row, column = r, k

@@ -1,9 +1,9 @@
-"""Propose other poses for a pose in doubt: one limb is laid along seen skin that the body does not cover, or along the
-path from an anchor, or limbs are exchanged.
+"""Propose other poses for a pose in doubt: a limb is laid along seen skin that the body does not cover, or along the
+path over the surface from an anchor to the body's centre, or limbs are exchanged.
 
-The images determine the limb; the trunk is that of the pose in doubt (``exchanged`` also turns it round). An anchor
-shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the wrong side of a walker
-covers the rail there, so that nothing is uncovered.
+The images determine the proposed limb; the trunk is that of the pose in doubt (``exchanged`` also turns the body
+round). An anchor shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the rail
+on the wrong side of a walker covers this rail, so that nothing is uncovered.
 """
 
 from __future__ import annotations
@@ -31,13 +31,16 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-NEIGHBOUR_M: Final = 0.05  # m, maximum distance of neighbouring nodes in one piece of skin, twice their usual spacing
-SMALLEST_M2: Final = 0.002  # m2, minimum area of an uncovered piece of skin, a few fingers; smaller pieces are clothes
-# maximum number of uncovered pieces examined at a time, such as two arms and a leg; others wait until these are covered
+# m, maximum distance of neighbouring nodes in one piece of skin, twice the usual spacing of nodes
+NEIGHBOUR_M: Final = 0.05
+# m2, minimum area of an uncovered piece of skin, the size of a few fingers; smaller pieces are due to clothes
+SMALLEST_M2: Final = 0.002
+# maximum number of uncovered pieces of skin examined at a time, such as two arms and a leg; further pieces wait until
+# these are covered
 MOST_PIECES: Final = 3
 TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
 SETTLED_M: Final = 0.01  # m; the solver stops if a round moves no joint over this far; registration refines the pose
-# m; a limb may be laid along a path whose tip is up to this much out of the limb's reach, since the trunk may lean and
+# m; a limb may be laid along a path whose tip is up to this far out of the limb's reach, since the trunk may lean and
 # the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
@@ -81,7 +84,8 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
     """Return the path of each large piece of seen skin that the body does not cover, the largest piece first.
 
     A path begins at the piece's tip and ends at its root. The root is the node nearest to covered skin; usually the
-    piece meets that skin, but a bar may be in between. The tip is the node farthest from the root along the piece.
+    piece meets the covered skin, but a bar may be in between. The tip is the node farthest from the root along the
+    piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
@@ -136,7 +140,7 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
     """Yield two poses with one limb laid along a path, for each of the chains that can reach the path's tip.
 
     Joints within the path's length are placed on the path. The limb's other joints follow the joint ranges in the first
-    pose, and stay where they are in the second.
+    pose, and stay where they are in the second pose.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -159,7 +163,7 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
     Exchanged limbs keep their places, but the left limb becomes the right one. The skin fits the images as well as
-    before, so the bending of joints and the direction of feet decide whether such a pose is better.
+    before, so the bending of joints and the direction of feet decide whether an exchanged pose is better.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -179,7 +183,9 @@ def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
 
 @cache
 def _mirrored() -> np.ndarray:
-    """Return (21,) the corresponding joint of the other side; for a joint of the trunk, the joint itself."""
+    """Return (21,), for each joint, the corresponding joint of the other side; for a joint of the trunk, the joint
+    itself.
+    """
     swap = {"Left": "Right", "Right": "Left"}
     other = np.arange(JOINT_COUNT)
     for name, index in JOINT_INDEX.items():
@@ -220,7 +226,9 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted joints (21, 3): the present places, but NaN for the joints of ``limbs``, which the caller sets."""
+    """Return wanted places of the joints (21, 3): the present places, but NaN for the joints of ``limbs``, which the
+    caller sets.
+    """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
     return wanted
@@ -234,8 +242,8 @@ def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
 
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
-    """Return the pose whose joints are as near to the wanted places (21, 3) as possible; NaN: any place. The start may
-    be far away, so several rounds of the solver are run.
+    """Return the pose whose joints are as near to the wanted places (21, 3) as possible; a joint that is NaN may be
+    anywhere. The start may be far away, so several rounds of the solver are run.
     """
     found, joints = start, body.joints(start)
     for _ in range(TURNS):

@@ -1,4 +1,5 @@
-"""Find misplaced limbs again: propose poses from the images, register them, and compare all poses by the same evidence.
+"""Find misplaced limbs again: propose poses from the images, register these poses, and compare all poses by the same
+evidence.
 
 The search runs if a registered pose is in doubt, for example because it leaves seen skin uncovered.
 """
@@ -26,16 +27,19 @@ from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
 
-# m2; a search starts if the body leaves at least this area of seen skin uncovered: half a hand, more than clothes and
-# gripping hands leave uncovered
+# m2; a search starts if the body leaves at least this area of seen skin uncovered: half a hand, which is more than
+# clothes and gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds of a search, one for each of the four limbs
 # m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
-# number of nodes in this short registration; a third of all nodes is enough to separate good poses from bad poses
+# number of nodes in the short registration of proposed poses; a third of all nodes is enough to separate good poses
+# from bad poses
 TRIAL_NODES: Final = 800
-REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)  # m, the same for the finer registration of the ``BEST`` poses
-SAME_M: Final = 0.04  # m; two poses with all joints closer to each other than this lead to the same registration
+# m, maximum distance at which a node pulls the skin, per step of the finer registration of the ``BEST`` poses
+REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
+# m; registration leads to the same result from two poses if each joint's places in both poses are closer than this
+SAME_M: Final = 0.04
 BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be one of them
 
 
@@ -44,7 +48,7 @@ class Search:
     """The result of a search for misplaced limbs."""
 
     registration: Registration  # registration of the best pose
-    taken: bool  # whether the best pose is another than the one before the search
+    taken: bool  # whether the best pose differs from the pose before the search
     rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
 
 
@@ -54,7 +58,7 @@ class Tried:
 
     pose: Pose
     images: float  # nats, log probability given the images and the body priors
-    moved: float  # nats, cost of the distance from the expected pose (``Expected.moved``)
+    moved: float  # nats, cost of the pose's distance from the expected pose (``Expected.moved``)
 
     @property
     def log(self) -> float:
@@ -71,14 +75,15 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Evaluate a pose by the images and by the distance of each limb and the trunk from its expected place."""
+        """Evaluate a pose by the images, and by the distances of the limbs and the trunk from their expected places."""
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
         """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
         Each limb, and the trunk, adds the cost of its farthest joint. The cost has the tails of a Cauchy distribution,
-        since a wrongly tracked limb may be anywhere. A body that is turned round has the costs of all parts.
+        since a wrongly tracked limb may be anywhere. A body that is turned round has the costs of the trunk and of all
+        limbs.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -87,7 +92,7 @@ class Expected:
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return the joints of a belief's pose and their sigma, which is at least ``SAME_M``."""
+    """Return the joints of a belief's pose, and their sigma, which is raised to at least ``SAME_M``."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
@@ -97,8 +102,8 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
     """Return whether so much seen skin is uncovered that a limb may be misplaced. The area must be at least
-    ``LOOK_AGAIN_M2``. hidden: whether some limb covers no node, so that uncovered skin may be that limb's; half of the
-    area is then enough.
+    ``LOOK_AGAIN_M2``. hidden: whether some limb covers no node; the uncovered skin may then belong to that limb, so
+    half of the area is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -113,16 +118,16 @@ def search_limbs(
 ) -> Search:
     """Move limbs to where they are seen, while that makes the pose clearly likelier; return the best registration.
 
-    predicted: the expected pose. A limb that is found in another place shows that the expected pose was wrong. So in
-    the search, the expected pose has the low weight that it would have after ``UNSEEN_S`` seconds without a view of the
-    patient. anchors: the frame's anchors, None for a first pose.
+    predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
+    the expected pose the low weight that it would have after ``UNSEEN_S`` seconds without a view of the patient.
+    anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
-        # the descriptor's proposal does not depend on the pose in doubt, so it is tried in one round only
+        # the descriptor's proposals do not depend on the pose in doubt, so they are tried in the first round only
         sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
         proposed = proposals(Doubted(body, pose, evidence, anchors), sources)
         tried = _register_all(expected, _distinct(body, [pose, *proposed]), uncertain, evidence, trial)
@@ -163,7 +168,7 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield each other pose, and by how many nats (reduced by ``believed``) ``now`` explains the images better."""
+    """Yield each of ``others``, and by how many nats (reduced by ``believed``) ``now`` explains the images better."""
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -172,7 +177,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses, without each that is so close to an earlier one that registration would make both equal."""
+    """Return the poses, except any so close to an earlier pose of the list that registration would make both equal."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -185,10 +190,11 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return the first pose unchanged, then all poses (the first again) after a short registration, with probabilities.
+    """Return the first pose unchanged, then all poses (also the first) after a short registration, with their
+    probabilities.
 
-    The first pose is the present one. It is also registered, so that it does not lose to a turned body only because its
-    limbs lag behind the images.
+    The first pose is the present one. This pose is also registered, so that it does not lose to the pose of a turned
+    body only because its limbs lag behind the images.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

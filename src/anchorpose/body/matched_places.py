@@ -1,4 +1,4 @@
-"""Match pixels to places on the body by the learnt descriptor, and fit the body's pose to the matches.
+"""Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
 The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
 place on the skin itself, so a single frame has matches all over the body, and no initial pose is needed.
@@ -25,8 +25,9 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-LEAST_MATCHES: Final = 30  # minimum number of matches for a pose; at two metres they cover 60 cm2, as a hand does
-# maximum number of matches used; a person at two metres has 2,000, but using more than 800 would only cost time
+# minimum number of matches to find a pose; at a distance of two metres they cover 60 cm2, as a hand does
+LEAST_MATCHES: Final = 30
+# maximum number of matches used; a person at two metres has 2,000 matches, but using more than 800 would only cost time
 MATCHES: Final = 800
 LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and the spacing of skin points
 # number of matches that count as one observation, since all matches of a body part have similar errors
@@ -39,11 +40,11 @@ quarter, one value per solver step. It decreases from a limb's length to a limb'
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
 STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
-# number of times that the body is scaled; the stature's median error after each is 4, 3 and 2 %
+# number of times that the body is scaled; the median errors of the stature after the three scalings are 4, 3 and 2 %
 _SCALINGS: Final = 3
-_AGAIN: Final = 4  # number of solver steps if the start was already fitted to the matches
-# m, scale so large that the robust kernel of ``Constraints`` has no effect; instead, a row's sigma grows with the
-# distance of its skin point from the target
+_AGAIN: Final = 4  # number of solver steps from a start that was already fitted to the matches
+# m, scale of a row, so large that the robust kernel of ``Constraints`` has no effect; instead, the row's sigma grows
+# with the distance of its skin point from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
@@ -52,7 +53,8 @@ _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step comp
 class Matches:
     """Matches between pixels and places on the body."""
 
-    # (n, 3) on the standing mean adult, in statures (1 = its height): X forward, Y up from the floor, Z right
+    # (n, 3) place on the standing mean adult, in statures (1 = this adult's height): X forward, Y up from the floor, Z
+    # right
     place: np.ndarray
     target_m: np.ndarray  # (n, 3) place of the pixel in the world
     error: np.ndarray  # (n,) expected error of ``place``, in statures
@@ -62,7 +64,7 @@ class Matches:
 
     @property
     def turned(self) -> Matches:
-        """Return the matches as if the person faced the other way: a wrong facing is the network's most frequent
+        """Return the matches as if the person faced the other way, since a wrong facing is the network's most frequent
         error.
         """
         return replace(self, place=self.place * [-1.0, 1.0, -1.0])
@@ -109,7 +111,7 @@ def match_person(matches: Matches) -> MatchedPerson:
     return MatchedPerson(matches, stature_m, pose)
 
 
-@lru_cache(maxsize=24)  # cached, since a few statures serve all people in all frames
+@lru_cache(maxsize=24)  # cached, since a few statures are enough for all people in all frames
 def _adult(points: SkinPoints, stature_cm: int) -> Body:
     return build_body(points, shape_of_height(points.asset, stature_cm / 100.0))
 
@@ -128,7 +130,7 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 
 
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
-    """Return the pose that brings the skin closest to its matched places, with robust weights.
+    """Return the pose that brings the skin closest to the places with which it is matched, with robust weights.
 
     start: a pose fitted to the same matches with a body of another shape. Raises ValueError for too few matches.
     """
@@ -143,8 +145,8 @@ def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose
 
 
 def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for up to ``MATCHES`` matches, skin point (n,), place in the world (n, 3) and standard deviation (n,)
-    in metres.
+    """Return, for up to ``MATCHES`` matches, the skin point (n,), the place in the world (n, 3) and its standard
+    deviation (n,), both in metres.
     """
     chosen = thin(len(matches), MATCHES)
     sigma_m = np.maximum(matches.error[chosen] * np.ptp(body.rest_m[:, 1]), LEAST_SIGMA_M)
@@ -154,7 +156,9 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match with one robust weight (Geman and McClure), lower the farther the skin is off."""
+    """Return three rows per match with the match's robust weight (Geman and McClure): the farther the skin is off, the
+    lower.
+    """
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)
     direction = np.tile(np.eye(3), (len(point), 1))
@@ -165,13 +169,13 @@ def _rows(
 
 @cache
 def _tree(points: SkinPoints) -> cKDTree:
-    """Return a KD-tree of the skin points on the standing mean adult, in statures as ``Matches.place``."""
+    """Return a KD-tree of the skin points on the standing mean adult, in statures, as in ``Matches.place``."""
     return cKDTree(places(points))
 
 
 def _aligned(body: Body, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray) -> Pose:
-    """Return the rest pose, turned and moved so that the trunk's skin points come closest to their targets. If the
-    trunk has too few matches, the whole body is used.
+    """Return the rest pose, turned and moved so that the trunk's skin points come closest to the places with which they
+    are matched. If the trunk has too few matches, the matches of the whole body are used.
     """
     asset = body.points.asset
     rotations = np.tile(np.eye(3), (len(asset.bone_names), 1, 1))

@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# maximum number of voxels, for 8 MB of memory; if nodes extend beyond a room, voxels are made larger instead
+# maximum number of voxels, for 8 MB of memory; if nodes extend beyond a room, voxels are made larger to keep this
+# number
 MAX_VOXELS: Final = 1_000_000
 
 
@@ -38,7 +39,9 @@ def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
 def sort_by_cell(
     points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return order and start of ``Voxels`` for points (n, 3) float64; nodes keep their order within a voxel."""
+    """Return ``order`` and ``start`` as in ``Voxels``, for points (n, 3) float64; points keep their order within a
+    voxel.
+    """
     cell, start = np.empty(len(points), np.int64), np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     for node in range(len(points)):
         spot = 0
@@ -56,13 +59,14 @@ def sort_by_cell(
     return order, start
 
 
-CELL_M: Final = 0.08  # m, side of a cell, which holds a few skin points; visiting smaller, empty cells would cost time
+# m, side of a cell of the grid; a cell holds a few skin points, while smaller cells would often be empty and cost time
+CELL_M: Final = 0.08
 
 
 class Oriented(NamedTuple):
-    """Points of a surface with their normals."""
+    """The points of a surface with their normals."""
 
-    places_m: np.ndarray  # (n, 3) world
+    places_m: np.ndarray  # (n, 3) m, places of the points in the world
     normals: np.ndarray  # (n, 3) unit normals
 
 
@@ -71,7 +75,7 @@ class Grid(NamedTuple):
 
     order: np.ndarray  # (k,) row of each point before sorting
     skin: np.ndarray  # (k, 6) place and normal of each point
-    start: np.ndarray  # place in ``order`` where each cell begins
+    start: np.ndarray  # index in ``order`` where each cell begins
     origin: np.ndarray  # (3,) lowest corner of the first cell
     shape: np.ndarray  # (3,) number of cells along each axis
 
@@ -82,10 +86,10 @@ def nearest_facing(
 ) -> np.ndarray:
     """Return the skin point (n,) int64 nearest to each node, -1 if no skin point is nearer than reach.
 
-    Only skin that faces the node's camera is used. The distance is between vectors of six numbers: the place, and the
-    normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras' positions.
-    The result is exact: only cells farther away than the best point so far are skipped. The search for each node begins
-    with the skin point found for the previous node.
+    Only skin that faces the node's camera is used. The distance is computed between vectors of six numbers: the place,
+    and the normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras'
+    positions. The result is exact: the search skips only cells that are farther away than the best point so far. The
+    search for each node begins with the skin point found for the previous node.
     """
     nearest = np.full(len(nodes.places_m), -1, np.int64)
     for camera in range(len(eyes)):
@@ -118,8 +122,8 @@ def facing_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return skin point (m,), node (m,) and unit direction (m, 3) for every node with a skin point within reach.
 
-    The direction is the mean of the normals of node and skin point. If they are farther apart than ``uncovered``, the
-    direction is along the line between them.
+    The direction is the mean of the normals of node and skin point. If node and skin point are farther apart than
+    ``uncovered``, the direction is along the line between them.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -136,7 +140,7 @@ def facing_rows(
             squared += direction[count, i] ** 2
         straight = away > uncovered * uncovered
         length = max(np.sqrt(away if straight else squared), 1e-9)
-        for i in range(3):  # slices would take seconds to compile
+        for i in range(3):  # loops instead of slices, which would take seconds to compile
             direction[count, i] = (offset[i] if straight else direction[count, i]) / length
         point[count], found[count] = p, node
         count += 1
@@ -201,7 +205,7 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
     """Return the row of ``grid.skin`` nearest to a node, if its squared distance is less than ``best``, else -1.
 
-    The node's own cell is searched first, since a point found there narrows the search around it.
+    The node's own cell is searched first, since a point found there narrows the search in the cells around it.
     """
     skin, start, shape, found = grid.skin, grid.start, grid.shape, -1
     origin = grid.origin
@@ -225,7 +229,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
             if first > last:
                 continue
             row = (i * shape[1] + j) * shape[2]
-            # cells that follow one another along z have their points in successive rows
+            # the points of cells that follow one another along z are in successive rows of the grid
             for spot in range(start[row + first], start[row + last + 1]):
                 distance = _distance2(skin, spot, nodes, node, normal_weight)
                 if distance < best:
@@ -235,7 +239,7 @@ def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: 
 
 @njit(cache=True, nogil=True)
 def _cells_within(place: float, radius: float, count: int) -> tuple[int, int]:
-    """Return the first and last cell, along one axis, within a radius of a place."""
+    """Return the first and the last cell, along one axis, that are within a radius of a place."""
     first, last = int(np.floor((place - radius) / CELL_M)), int(np.floor((place + radius) / CELL_M))
     return max(0, first), min(count - 1, last)
 

@@ -63,7 +63,7 @@ class Pose:
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def faces_away(self, other: Pose) -> bool:
-        """Return whether the pelvis is turned by more than a right angle between two poses."""
+        """Return whether the directions that the pelvis faces in two poses differ by more than a right angle."""
         return bool(np.trace(other.rotations[0] @ self.rotations[0].T) < 1.0)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
@@ -77,7 +77,7 @@ def moving_bones(asset: BodyAsset) -> np.ndarray:
 
 
 def descendants(asset: BodyAsset) -> np.ndarray:
-    """Return (m, b) float64: 1 where the bone is the moving bone or one of its descendants."""
+    """Return (m, b) float64: for each moving bone, 1 at this bone and all its descendants, 0 at other bones."""
     below = np.zeros((len(MOVING_BONES), len(asset.bone_names)))
     for row, bone in enumerate(moving_bones(asset)):
         for other in range(len(asset.bone_names)):

@@ -1,9 +1,9 @@
 """Compute Hessian and gradient of many constraint rows with respect to the pose, without storing their Jacobian.
 
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
-point. It is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by skin point (3 x
-3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last converted to
-the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
+point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by
+skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last
+converted to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def accumulate_pose(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, residual_m: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return ``J^T W J`` (POSE_SIZE, POSE_SIZE) and ``J^T W r`` (POSE_SIZE,), where J is ``pose_jacobian`` of the rows,
-    W has their weights, and r their residuals.
+    W the diagonal matrix of their weights, and r their residuals.
     """
     points, parents = body.points, body.points.asset.bone_parents
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, parents, points.moving)
@@ -36,10 +36,10 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moving bone (b,) that carries each bone, and the moving bone (m,) above each moving bone, -1 if there
-    is none. Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
+    """Return the moving bone (b,) that carries each bone, and the next moving bone (m,) above each moving bone in the
+    skeleton, -1 above the root. Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
     """
-    # the last moving bone that is the bone itself or one of its ancestors
+    # a bone is carried by the last moving bone that is the bone itself or one of its ancestors
     carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
     parents = points.asset.bone_parents[points.moving]
     return carrier, np.where(parents >= 0, carrier[parents], -1)
@@ -49,8 +49,8 @@ def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def _by_point(
     count: int, index: np.ndarray, direction: np.ndarray, residual: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two sums over the rows of each skin point: of weight * direction * direction^T (p, 3, 3), and of weight *
-    direction * residual (p, 3).
+    """Return two sums per skin point, over all rows of this point: the sum of weight * direction * direction^T (p, 3,
+    3), and the sum of weight * direction * residual (p, 3).
     """
     spread, pull = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for r in range(len(index)):
@@ -74,10 +74,10 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return, about the origin, the rows' second moments (m, m, 6, 6) for each pair of carriers (moving bones that
-    carry a point), and torque and force (m, 6) on each carrier.
+    """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
+    (moving bones that carry a point), and torque and force (m, 6) on each carrier.
 
-    Each pair of carriers is stored once; ``_mirror`` adds the other half of the moments.
+    Each pair of carriers is first stored once; then ``_mirror`` adds the other half of the moments.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]
@@ -125,7 +125,9 @@ def _by_bones(
 
 @njit(cache=True, nogil=True)
 def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place: np.ndarray) -> None:
-    """Add to ``place`` (3,) where one bone alone would move a skin point, weighted by the bone's ``share``."""
+    """Add, to ``place`` (3,), the point to which one bone alone would move a skin point, multiplied by the bone's
+    ``share``.
+    """
     T, r = T_world_rest, rest_m
     for i in range(3):
         place[i] += share * (T[i, 3] + T[i, 0] * r[0] + T[i, 1] * r[1] + T[i, 2] * r[2])
@@ -133,7 +135,9 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """Add the transpose to the moments, in place; a carrier's moments with itself are complete and stay unchanged."""
+    """Add the transposed moments to the moments, in place; a carrier's moments with itself are complete and stay
+    unchanged.
+    """
     for one in range(len(pairs)):
         for other in range(one):
             for i in range(6):
@@ -144,8 +148,10 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """Add to each bone's sums those of all its descendants, in place. Parents come before children."""
-    for bone in range(len(parents) - 1, 0, -1):  # slices would take seconds to compile
+    """Add the sums of all descendants of a bone to the sums of this bone, for all bones, in place. Parents come before
+    children.
+    """
+    for bone in range(len(parents) - 1, 0, -1):  # loops instead of slices, which would take seconds to compile
         for i in range(6):
             forces[parents[bone], i] += forces[bone, i]
         for other in range(len(parents)):

@@ -2,8 +2,8 @@
 
 Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. The descriptor is
 needed because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
-correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor counts as only one observation per
-large patch, and depth readings can overrule it.
+correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor's predictions on a large patch of
+skin count as only one observation, and depth readings can overrule the descriptor.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from anchorpose.isolation.view import View
 SPACING_M: Final = 0.028  # m, spacing of skin points
 # m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a patch of skin whose predicted places share one error; it is the integral of the correlation between two
-# places' errors over their distance
+# m, side of a patch of skin whose predicted places share one error: the integral, over the distance of two places, of
+# the correlation between the errors of both
 NAMED_ALIKE_M: Final = 0.25
-# share of predicted places with errors above three standard deviations, in simulated and real images (UTD-MHAD)
+# share of predicted places with an error above three standard deviations, in simulated and real images (UTD-MHAD)
 WRONGLY_NAMED: Final = 0.03
 FROM_BEFORE: Final = 20.0
 """Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind.
@@ -59,8 +59,8 @@ def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
 
 def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
     """Return the prior log probability, in nats, that the body faces this way relative to a single camera; 0 with
-    several cameras. It is not part of ``log_probability``. Differences of ``log_probability`` between poses are
-    reduced, for errors of shape and clothes (``believed``). Such errors do not affect this prior.
+    several cameras. This prior is not part of ``log_probability``: differences of ``log_probability`` between poses are
+    reduced because of errors of shape and clothes (``believed``), and these errors do not affect the prior.
     """
     if len(cameras) != 1:
         return 0.0
@@ -78,8 +78,8 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
     """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, the log likelihood ratio of the
-    places that the descriptor predicts on it. The ratio compares two assumptions: the pixels show the skin that the
-    pose puts there, or any skin. Only readings with the person's label near the posed skin are used.
+    places that the descriptor predicts at its pixels. The ratio compares two assumptions: the pixels show the skin that
+    the pose puts there, or they show any skin. Only readings with the person's label near the posed skin are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
@@ -89,7 +89,7 @@ def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
 
 
 def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """Return ``named_nats`` (2 PARTS,) by one camera alone."""
+    """Return ``named_nats`` (2 PARTS,) computed from the image of one camera alone."""
     skin = render_skin(points, skin_m, camera, NAMED_FOOTPRINT_M)
     if skin is None:
         return np.zeros(2 * PARTS)
@@ -111,6 +111,6 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
 
 @cache
 def places(points: SkinPoints) -> np.ndarray:
-    """Return the place (p, 3) of each skin point on the standing mean adult, in statures as ``Described.place``."""
+    """Return the place (p, 3) of each skin point on the standing mean adult, in statures, as in ``Described.place``."""
     skin = points.asset.vertices
     return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))

@@ -1,7 +1,7 @@
 """Propose other poses for a pose in doubt, from each source independently.
 
-The images determine the proposed limbs. The trunk stays that of the pose in doubt, but the descriptor also proposes
-other trunks, and one proposal turns the body round.
+The images determine the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor also proposes
+other poses of the trunk, and one proposal turns the body round.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.isolation.view import PixelLabel
 
-# maximum by which the ``rarity`` of a proposed pose may exceed that of the pose in doubt
+# maximum by which the ``rarity`` of a proposed pose may exceed the ``rarity`` of the pose in doubt
 MOST_UNUSUAL: Final = 10.0
 
 
@@ -37,10 +37,10 @@ class Doubted:
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
-    """Yield the poses that the sources propose, without poses that are much rarer in people than the pose in doubt.
+    """Yield the poses that the sources propose, except poses that are much rarer in people than the pose in doubt.
 
-    So a hidden leg, for example, is not laid along an arm. Poses with exchanged sides are never left out: the images
-    alone decide about them.
+    For example, a hidden leg is not laid along an arm. Poses with exchanged sides are always yielded: the images alone
+    decide about them.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -55,7 +55,9 @@ def rarity(body: Body, pose: Pose) -> float:
 
 
 def _along_surface(doubted: Doubted) -> Iterator[Pose]:
-    """Yield poses with a limb laid along seen skin that the body does not cover, for each limb that can reach it."""
+    """Yield poses with a limb laid along seen skin that the body does not cover, for each limb that can reach this
+    skin.
+    """
     body, pose, evidence = doubted.body, doubted.pose, doubted.evidence
     explanation = explain(body.points, pose_points(body, pose), evidence)
     for path in uncovered_paths(evidence, explanation):
@@ -71,9 +73,9 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose of the whole body by the learnt descriptor; then the pose with the opposite facing, since a wrong
-    facing is the descriptor's most frequent mistake. A first pose in doubt yields nothing, since it was found in this
-    way.
+    """Yield the pose of the whole body by the learnt descriptor, then the pose with the opposite facing, since a wrong
+    facing is the descriptor's most frequent mistake. For a first pose in doubt nothing is yielded, since this pose was
+    found by the descriptor.
     """
     if doubted.anchors is None:
         return

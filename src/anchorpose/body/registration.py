@@ -19,7 +19,8 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-# minimum share of the surface's nodes that lie near the body; otherwise the surface belongs to another person
+# minimum share of the surface's nodes that lie near the body; with a smaller share, the surface belongs to another
+# person
 LEAST_EXPLAINED: Final = 0.3
 
 
@@ -27,17 +28,17 @@ LEAST_EXPLAINED: Final = 0.3
 class Registration:
     """The result of registering the body to one frame."""
 
-    belief: PoseBelief  # if not found, the unchanged prediction
+    belief: PoseBelief  # belief in the pose; the unchanged prediction if the body was not found
     explained: float  # share of the surface's nodes near the body; 0 if nothing was seen
     found: bool  # False if too little was seen or the surface does not belong to this body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Constraint rows that are added to those of the frame's evidence."""
+    """Constraint rows that are added to the rows from the frame's evidence."""
 
-    first: Constraints  # used in the first ``held_steps`` solver steps
-    always: Constraints  # used in all solver steps
+    first: Constraints  # rows that are used in the first ``held_steps`` solver steps
+    always: Constraints  # rows that are used in all solver steps
 
 
 def register(
@@ -48,8 +49,8 @@ def register(
     config: RegistrationConfig,
     fixed: Constraints | None = None,
 ) -> Registration:
-    """Register all parts of the body to a frame together; they stay joined, and bones keep their length. (The paper
-    registers each part alone, by ICP: iterative closest point.)
+    """Register all parts of the body to a frame together; the parts stay joined, and bones keep their length. (The
+    paper registers each part alone, by ICP: iterative closest point.)
 
     held: rows of the nodes that the track tree matched and of the anchors, used only in the first solver steps. fixed:
     rows used in all steps; they do not reduce the uncertainty of the pose, since they are not observations.
@@ -66,13 +67,13 @@ def posterior(
 ) -> Registration:
     """Return the belief in a pose, given the evidence, and whether the surface belongs to this body.
 
-    Only seen skin makes a pose more certain. Visible background shows that no limb is there; this constraint is
-    one-sided, so it is left out of the covariance.
+    Only seen skin makes a pose more certain. Visible background shows where no limb is. This constraint is one-sided,
+    so it is left out of the covariance.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
     share = len(rows) / max(1, min(len(evidence.surface), config.node_count))
-    # with a total below 0, the readings are more probable without this body
+    # if the total is below 0, the readings are more probable without this body
     if share < LEAST_EXPLAINED or likelihood(body, pose, evidence).total < 0.0:
         return Registration(predicted, share, False)
     expected = (predicted.pose, predicted.information)
@@ -84,8 +85,8 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the skin point (n,) nearest to each node, and the bone (n,) that moves it; -1 if none is within
-    reach_m.
+    """Return the skin point (n,) nearest to each node, and the bone (n,) that moves this point; -1 if no point is
+    within reach_m.
     """
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)

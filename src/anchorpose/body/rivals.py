@@ -24,7 +24,8 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses whose joints all differ by less count as the same; clothes and gripping hands shift estimates by as much
+# m; two poses count as the same if no joint differs by more than this; clothes and gripping hands shift estimates by as
+# much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
@@ -37,15 +38,18 @@ OWN_BODY_ERROR: Final = 6.0
 """The same standard deviation, in nats, if each pose has a body that was fitted to it. For all five parts it was 30
 nats, measured in 18 windows of 9 hard scenes."""
 
-# s, time after which a frame's weight in ``Rival.lag`` has fallen to a third, since limbs have moved by then
+# s, time after which a frame's weight in ``Rival.lag`` has fallen to a third, since limbs have moved in this time
 MEMORY_S: Final = 0.3
-# s, the same for a rival with a body of its own; errors of its shape persist, so ``lag`` averages over a longer time
+# s, like ``MEMORY_S``, for a rival with a body of its own; errors of the body's shape persist, so ``lag`` averages over
+# a longer time
 OWN_MEMORY_S: Final = 4.0
-# nats by which a pose found by a search must be likelier than the best pose to replace it: twenty times as likely
+# nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
+# likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival behind the best pose by more is dropped, one ahead by more becomes the best pose
+# nats (a factor of e^6); a rival behind the best pose by more than this is dropped, a rival ahead by more than this
+# becomes the best pose
 DECIDED: Final = 6.0
-MOST: Final = 3  # maximum number of rivals; each takes as much time as registering the best pose
+MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +60,8 @@ class Rival:
     """
 
     belief: PoseBelief
-    # nats by which the best pose explains the last frames better: weighted mean of its leads, reduced by ``believed``
+    # nats by which the best pose explains the last frames better than the rival: weighted mean over the frames, reduced
+    # by ``believed``
     lag: float
     moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; this cost decays with time
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose
@@ -76,8 +81,8 @@ class Rival:
 
 
 def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
-    """Reduce one pose's lead over another, in nats, to the log odds that the pose with the lead is indeed the likelier
-    one, given errors of shape and clothes. The lead may be negative.
+    """Reduce the lead of a pose over another pose, in nats, to the log odds that the leading pose is indeed the
+    likelier one: errors of shape and clothes may cause the lead. The lead may be negative.
 
     parts: number of parts (limbs or trunk) whose place differs between the poses. The lead's standard deviation is
     ``error`` times ``parts``.
@@ -131,10 +136,11 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the up to ``MOST`` other poses that increase sigma most.
+    """Return the other poses that increase sigma most, up to ``MOST`` of them.
 
-    The images do not exclude these poses, and they differ from the best pose and from each other. They are ranked by
-    their effect on sigma: a body with the opposite facing comes before a likelier pose in which only a hand differs.
+    The returned poses are not excluded by the images, and differ from the best pose and from each other. The poses are
+    ranked by their effect on sigma: a body with the opposite facing comes before a likelier pose in which only a hand
+    differs.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):

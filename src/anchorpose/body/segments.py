@@ -58,10 +58,10 @@ ANSUR II.
 
 
 class _Bulge(NamedTuple):
-    """A region of trunk skin that moves along an axis."""
+    """A bulge of the trunk, such as the belly: a region of its skin that moves along an axis."""
 
     axis: int  # 0 = forward, 2 = sideways
-    towards: int  # direction along the axis, 1 or -1; 0 = both sides move apart
+    towards: int  # direction of the movement along the axis, 1 or -1; 0 = both sides of the trunk move apart
     height_m: float  # height of the bulge's middle on the mean adult
     spread_m: float  # standard deviation of the bulge's bell-shaped profile over the height
     sigma_m: float  # movement of the skin by one unit of the coefficient
@@ -86,9 +86,9 @@ class Direction:
     """A direction of shape: its name, and the change (m) of skin and bone ends by one unit of its coefficient."""
 
     name: str
-    vertices: np.ndarray  # (v, 3)
-    heads: np.ndarray  # (b, 3)
-    tails: np.ndarray  # (b, 3)
+    vertices: np.ndarray  # (v, 3) change of the skin
+    heads: np.ndarray  # (b, 3) change of the bones' first ends
+    tails: np.ndarray  # (b, 3) change of the bones' second ends
 
 
 @cache
@@ -130,8 +130,8 @@ def _bones_of(segment: str, side: str) -> tuple[str, str]:
 
 
 def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], sigma: float) -> Direction:
-    """Return the direction that lengthens several spans together by the share ``sigma`` of their length. A span extends
-    from the head (first end) of one bone to the head of another.
+    """Return the direction (change of shape) that lengthens several spans together by the share ``sigma`` of their
+    length. A span extends from the head (first end) of one bone to the head of another.
     """
     total = [np.zeros_like(asset.vertices), np.zeros_like(asset.bone_heads), np.zeros_like(asset.bone_tails)]
     for start, end in spans:
@@ -149,10 +149,12 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): per bone, three factors of a place's coordinates and a constant. For the rest place of a point of
-    this bone, their sum is the share of the span's growth by which the point moves.
+    """Return (b, 4): per bone, the factors of x, y and z and a constant. For a point of the bone at (x, y, z) in the
+    rest pose, the sum of the three products and the constant is the share of the span's growth by which the point
+    moves.
 
-    Points of the span move in proportion to their place along it; everything beyond the span moves as a whole.
+    Points of the span move in proportion to their distance along the span from its start; everything beyond the span
+    moves as a whole.
     """
     heads, parents = asset.bone_heads, asset.bone_parents.tolist()
     step = heads[last] - heads[first]
@@ -173,8 +175,8 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """Return the direction that moves a segment's skin away from the segment's axis by the share ``sigma`` of its
-    distance from the axis; bones do not move.
+    """Return the direction (change of shape) that moves each point of a segment's skin away from the segment's axis by
+    the share ``sigma`` of its distance from the axis; bones do not move.
     """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
@@ -190,8 +192,8 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
-    """Return the direction that moves trunk skin near the bulge's height outwards along its axis, in proportion to the
-    skin's distance from the trunk's middle along this axis.
+    """Return the direction (change of shape) that moves trunk skin near the bulge's height outwards along the bulge's
+    axis, in proportion to the skin's distance from the trunk's middle along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])
@@ -204,8 +206,8 @@ def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
 
 
 def _larger(asset: BodyAsset, name: str, end: str, sigma: float) -> Direction:
-    """Return the direction that enlarges a bone, and everything beyond it, by a share ``sigma`` about the bone's
-    head.
+    """Return the direction (change of shape) that enlarges a bone, and everything beyond the bone, by the share
+    ``sigma``; the bone's head stays in place.
     """
     bone, below = asset.bone(end), np.zeros(len(asset.bone_names))
     below[bone] = 1.0

@@ -22,10 +22,12 @@ CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clo
 # Learnt offsets in real recordings were larger, but with 10 mm joints were farther from the labels of MSR Action3D.
 PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
-# degrees of freedom of Student's t distribution, the prior of a segment: 1 in 20 segments deviates by over 2.8 sigma
+# degrees of freedom of Student's t distribution, which is the prior of a segment: 1 in 20 segments deviates by over 2.8
+# sigma
 TAILS: Final = 4.0
 COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers it
-_HEIGHT_STEPS: Final = 3  # number of repeated fits to a height: the highest or lowest vertex may change with the shape
+# number of repeated fits to a height; they are repeated since another vertex may become the highest or lowest
+_HEIGHT_STEPS: Final = 3
 
 _ALIKE_LENGTHS: Final = np.array(
     [[1.00, 0.34, 0.18, 0.35], [0.34, 1.00, 0.25, 0.43], [0.18, 0.25, 1.00, 0.04], [0.35, 0.43, 0.04, 1.00]]
@@ -49,7 +51,7 @@ class ShapeBelief:
     """The most likely shape, given a prior and observations.
 
     The s free parameters are the first coefficients and the first offsets of the shape; ``free`` states how many of
-    each. All other parameters are fixed.
+    both are free. All other parameters are fixed.
     """
 
     shape: FittedShape
@@ -58,7 +60,7 @@ class ShapeBelief:
     prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
     # (s,) bool, parameters whose prior is Student's t: a very unusual segment costs little more than an unusual one
     soft: np.ndarray
-    seen: np.ndarray  # (s, s) information of the observations
+    seen: np.ndarray  # (s, s) information (inverse covariance) of the observations
     pull: np.ndarray  # (s,) matrix ``seen`` times the shape that fits the observations best
 
     @property
@@ -79,8 +81,8 @@ class ShapeBelief:
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """Return the prior's inverse covariance (s, s) at a shape, reduced for unusual ``soft`` parameters (Lange et
-        al. 1989, doi:10.2307/2290063).
+        """Return the prior's inverse covariance (s, s) at a shape; it is reduced for ``soft`` parameters with unusual
+        values (Lange et al. 1989, doi:10.2307/2290063).
         """
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
@@ -99,12 +101,15 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """Return the belief after more observations. information (s, s) and pull (s,): as ``seen`` and ``pull``."""
+        """Return the belief after more observations. information (s, s), pull (s,): the values of these observations,
+        defined as ``seen`` and ``pull``.
+        """
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
         """Return the belief with the same shape and a covariance that also covers other shapes. shares (n,): the
-        probability of each. The covariance may exceed the prior's, so this belief is not to be refined by more frames.
+        probability of each other shape. The covariance may exceed the prior's, so this belief is not to be refined by
+        more frames.
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at
@@ -141,7 +146,9 @@ class ShapeBelief:
         return replace(self, prior=self.prior / np.outer(wider, wider))
 
     def common(self, asset: BodyAsset) -> ShapeBelief:
-        """Return this belief as a prior with only whole-body coefficients and clothes free; the rest is fixed."""
+        """Return this belief as a prior in which only whole-body coefficients and clothes are free; all other
+        parameters are fixed.
+        """
         free = FreeShape(asset.common_count, len(CLOTHES))
         kept = np.r_[: free.coefficients, self.free.coefficients : self.free.coefficients + free.offsets]
         information = np.linalg.inv(self.covariance[np.ix_(kept, kept)])
@@ -192,8 +199,8 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Return the prior of a group (adults or children). common (c,) and covariance (c, c): mean and covariance of its
-    whole-body coefficients. Coefficients of single segments have mean 0 and standard deviation 1.
+    """Return the prior of a group (adults or children). common (c,), covariance (c, c): mean and covariance of the
+    group's whole-body coefficients. Coefficients of single segments have mean 0 and standard deviation 1.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
@@ -227,14 +234,16 @@ def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.nda
     vertices = shape.mesh(asset).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
-    # people are measured while standing on both feet, so the height begins midway between both soles
+    # people are measured while standing on both feet, so the height is measured from midway between both soles
     soles = [int(np.where(side, up, np.inf).argmin()) for side in (left, ~left)]
     row = asset.vertex_basis[:count, top, 1] - asset.vertex_basis[:count, soles, 1].mean(axis=1)
     return float(up[top] - up[soles].mean()), row
 
 
 def shape_of_height(asset: BodyAsset, height_m: float) -> FittedShape:
-    """Return the mean adult scaled to a height by the coefficient that changes height, in clothes of mean thickness."""
+    """Return the shape of the mean adult in clothes of mean thickness, scaled to a height by the coefficient that
+    changes the height.
+    """
     coefficients = np.zeros(asset.shape_count)
     per_unit = np.ptp(asset.vertices[:, 1] + asset.vertex_basis[0, :, 1]) - np.ptp(asset.vertices[:, 1])
     coefficients[0] = np.clip((height_m - np.ptp(asset.vertices[:, 1])) / per_unit, -2.5, 2.5)

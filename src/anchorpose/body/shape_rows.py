@@ -1,5 +1,5 @@
 """Compute derivatives of constraint rows with respect to pose, shape and clothes together. The code is compiled, since
-learning needs them for every node of many frames.
+learning needs these derivatives for every node of many frames.
 
 The reference implementations are ``skin_points.pose_jacobian`` and, in the tests, ``shape_jacobian``.
 """
@@ -20,17 +20,17 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, shape_off
 
 
 class FreeShape(NamedTuple):
-    """How many shape parameters are fitted; all others keep their values."""
+    """The numbers of shape parameters that are fitted; all other parameters keep their values."""
 
-    coefficients: int  # number of fitted coefficients: the first ones of the shape
-    offsets: int  # number of fitted offsets of clothes and patches: the first ones of the shape
+    coefficients: int  # number of fitted coefficients, counted from the shape's first coefficient
+    offsets: int  # number of fitted offsets of clothes and patches, counted from the shape's first offset
 
 
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for the s parameters: those of the pose, then the fitted ones of
-    the shape. residual_m, weight (n,): r and the diagonal of W, one per row.
+    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for s parameters: those of the pose, then the fitted parameters of
+    the shape. residual_m, weight (n,): r and the diagonal of W, one value per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
@@ -41,7 +41,7 @@ def full_jacobian(
     body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray, free: FreeShape
 ) -> np.ndarray:
     """Return the Jacobian (n, s): the derivative of each chosen skin point's movement along its direction, by the
-    parameters of the pose, then the fitted ones of the shape.
+    parameters of the pose, then by the fitted parameters of the shape.
     """
     points = body.points
     pivot, frame = joint_frames(posed.transforms, body.mesh.bone_heads, points.asset.bone_parents, points.moving)
@@ -56,19 +56,19 @@ def full_jacobian(
 
 
 class _Skin(NamedTuple):
-    """Arrays per skin point."""
+    """Arrays with a row per skin point."""
 
     bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
     influence: np.ndarray  # (p, w) weights of these bones
-    rest_m: np.ndarray  # (p, 3)
+    rest_m: np.ndarray  # (p, 3) m, place of the point in the rest pose
     basis: np.ndarray  # (p, k, 3) change of the point's rest place by one unit of each coefficient
     covered: np.ndarray  # (p, c) share of each offset by which the point moves
 
 
 class _Bones(NamedTuple):
-    """Arrays per bone."""
+    """Arrays with a row per bone or per moving bone."""
 
-    transforms: np.ndarray  # (b, 4, 4)
+    transforms: np.ndarray  # (b, 4, 4) T_world_rest of each bone
     pivot: np.ndarray  # (m, 3) head of each moving bone in the world, from ``joint_frames``
     frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
@@ -82,7 +82,7 @@ def _point_basis(points: SkinPoints) -> np.ndarray:
 
 @cache
 def _chains(points: SkinPoints) -> np.ndarray:
-    """Return, per bone, the rows (b, d) of ``MOVING_BONES`` of the bone and its ancestors, padded with -1."""
+    """Return (b, d), for each bone, the rows in ``MOVING_BONES`` of the bone and its ancestors, padded with -1."""
     carried = [np.flatnonzero(column) for column in points.below.T]
     chains = np.full((len(carried), max(map(len, carried))), -1)
     for bone, rows in enumerate(carried):
@@ -132,8 +132,8 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Write to ``out`` the derivatives of a row by the pose: by turns of moving bones in their parents' frames, then by
-    the root's place.
+    """Write the derivatives of a row by the pose to ``out``: by the turns of moving bones in their parents' frames,
+    then by the root's place.
     """
     for m in range(len(share)):
         if share[m] == 0.0:

@@ -1,4 +1,4 @@
-"""Map the body's skin: distances, along the skin, of its sampled points from landmarks and from each other."""
+"""Map the body's skin: compute the distances along the skin of sampled points from landmarks and from each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from anchorpose.body.skin_points import Body, SkinPoints
 from anchorpose.surface.surface import BodyMap
 
-# m, minimum length of an edge of the mesh; on missing limbs it would be 0, which the graph does not allow
+# m, minimum length of an edge of the mesh; on missing limbs the length would be 0, which the graph does not allow
 LEAST_EDGE_M: Final = 1e-6
 # number of landmarks, one every 30 cm: enough to distinguish an adult's skin points by their distances from landmarks
 LANDMARKS: Final = 24
@@ -21,8 +21,8 @@ LANDMARKS: Final = 24
 def map_body(body: Body) -> BodyMap:
     """Return the map of the body's sampled skin at rest.
 
-    Landmarks are spread over the skin, each as far as possible from the earlier ones; distances to them run along the
-    edges of the mesh and are about 5 % too long.
+    Landmarks are spread over the skin, each as far as possible from the earlier landmarks. Distances to landmarks run
+    along the edges of the mesh and are about 5 % too long.
     """
     points, vertices = body.points, body.mesh.vertices
     mesh, (pairs, via) = _edge_lengths(vertices, _edges(points)), _pairs(points)
@@ -72,8 +72,8 @@ def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.n
 
 
 def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Return pairs (e, 2) of sampled points whose cells touch. The cell of a point is the set of vertices nearest to
-    it.
+    """Return pairs (e, 2) of sampled points whose cells touch. The cell of a sampled point is the set of mesh vertices
+    to which no other sampled point is nearer.
     """
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
@@ -85,9 +85,11 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
 
 
 def _second_neighbours(direct: np.ndarray, skin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs (e, 2) of neighbours and second neighbours, and the point (e,) on the path between each pair.
+    """Return pairs (e, 2) of points that are neighbours or second neighbours, and the point (e,) on the path between
+    both points of each pair.
 
-    If a pair has several paths, the shortest is used. For direct neighbours, the point is the first of the pair.
+    If a pair has several paths, the shortest is used. For direct neighbours, the point on the path is the first point
+    of the pair.
     """
     both = np.concatenate([direct, direct[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]

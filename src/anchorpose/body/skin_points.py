@@ -21,7 +21,7 @@ from anchorpose.body.kinematics import (
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
-# number of skin points; on an adult they are about 28 mm apart, half of the narrowest limb's width
+# number of skin points; on an adult, skin points are about 28 mm apart, half of the narrowest limb's width
 POINT_COUNT: Final = 2400
 CLOTHES: Final = {
     "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
@@ -31,7 +31,7 @@ CLOTHES: Final = {
 }
 """Pieces of clothing, each with a thickness, and the bones whose skin they cover."""
 
-# number of patches of skin; they are about 14 cm apart, as large as a muscle, a fold or the rim of a brace
+# number of patches of skin; patches are about 14 cm apart and as large as a muscle, a fold or the rim of a brace
 PATCHES: Final = 96
 PATCH_M: Final = 0.07  # m, standard deviation of a patch's bell-shaped profile
 OFFSETS: Final = len(CLOTHES) + PATCHES
@@ -40,7 +40,7 @@ OFFSETS: Final = len(CLOTHES) + PATCHES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinPoints:
-    """The sampled skin points of an asset, with all that does not depend on a person's shape."""
+    """The sampled skin points of an asset, with all values that do not depend on a person's shape."""
 
     asset: BodyAsset
     vertex: np.ndarray  # (p,) index of the point's vertex in the asset
@@ -69,7 +69,7 @@ class FittedShape:
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """Return the offsets (OFFSETS,) of clothes with one thickness everywhere, and patches without offset."""
+    """Return the offsets (OFFSETS,) for clothes with one thickness everywhere and patches without an offset."""
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
@@ -96,8 +96,8 @@ class Body:
 class PosedPoints:
     """The skin points in a pose."""
 
-    points_m: np.ndarray  # (p, 3) world
-    normals: np.ndarray  # (p, 3) world
+    points_m: np.ndarray  # (p, 3) m, places in the world
+    normals: np.ndarray  # (p, 3) normals in the world
     transforms: np.ndarray  # (b, 4, 4) T_world_rest of the bones
 
 
@@ -157,7 +157,7 @@ def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
 
 def _patches(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
     """Return (p, PATCHES) the share of each patch's offset by which each point moves: a bell-shaped profile around the
-    patch's middle, limited to skin that faces the same way.
+    patch's middle, limited to skin that faces the same way as the patch's middle.
     """
     place = asset.vertices[vertex]
     normals = _normals(asset.vertices, asset.faces[_faces_around(asset, vertex)])
@@ -185,7 +185,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    # normals are those of the whole body, since missing parts have none
+    # normals are computed on the whole body, since the shrunken skin of missing parts has none
     whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
@@ -232,7 +232,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
     """Return (b, count, 3): how far one unit of each coefficient moves the posed points of each bone, in addition to
-    the change of the points at rest.
+    the movement due to the change of the points at rest.
     """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world, by each coefficient
@@ -244,7 +244,9 @@ def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarra
 
 
 def joints_by_shape(body: Body, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return the derivative (21, 3, count) of the joints in the world by the first coefficients; the pose is fixed."""
+    """Return the derivative (21, 3, count) of the joints in the world by the first ``count`` shape coefficients at a
+    fixed pose.
+    """
     asset, bones = body.points.asset, joint_bones(body.points.asset)
     at_rest = np.einsum("nij,knj->nik", posed.transforms[bones, :3, :3], asset.bone_head_basis[:count, bones])
     return np.asarray(at_rest + shape_offsets(asset, posed, count)[bones].transpose(0, 2, 1))
@@ -259,7 +261,7 @@ def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variance (n,), m2, of n places, the mean over the three axes. jacobian (n, 3, POSE_SIZE): derivative
-    of the places by the pose; covariance: that of the pose.
+    """Return the variance (n,), m2, of n places, as the mean over the three axes. jacobian (n, 3, POSE_SIZE):
+    derivative of the places by the pose; covariance: the covariance of the pose.
     """
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

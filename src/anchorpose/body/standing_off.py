@@ -1,7 +1,8 @@
-"""Find body segments that do not look human: the seen surface stands off the learnt body, or the limb is too thick.
+"""Find body segments that do not look human: the seen surface stands off (lies away from) the learnt body, or the limb
+is too thick.
 
 Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So the bone
-lengths and joints of such a segment get a larger sigma.
+lengths and joints of a segment that does not look human get a larger sigma.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from anchorpose.recording.recording import CoveredPart
 # m; a segment stands off if its patches move its skin points by more than this (95th percentile over the points). On
 # ten people, the percentile was at most 0.010 without braces and 0.021 to 0.040 with a brace
 LEAST_M: Final = 0.015
-# standard deviations of girth; a limb that exceeds the other side's limb by more is too thick. Without braces the
-# difference was at most 0.9, with a brace 2.9 to 6.7
+# standard deviations of girth; a limb that exceeds the other side's limb by more than this is too thick. Without braces
+# the difference between sides was at most 0.9, with a brace 2.9 to 6.7
 TOO_THICK: Final = 2.0
 # standard deviations of girth above the mean, up to which the other side's girth is taken as the expected girth
 ORDINARY: Final = 0.5
 JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along each axis, per metre by which its skin stands off
-BONE_SHARE: Final = 0.5  # sigma of the length between these joints, per metre by which the segment's skin stands off
+BONE_SHARE: Final = 0.5  # sigma of the length of a segment's bone, per metre by which the segment's skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -38,10 +39,13 @@ _LIMBS: Final = {
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Return by how many metres each segment that does not look human stands off; names as in ``subject.covered``."""
+    """Return, for each segment that does not look human, by how many metres the segment stands off; names as in
+    ``subject.covered``.
+    """
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
-        own = len(CLOTHES) + patches_of(points, name)  # not neighbouring segments' patches, which extend over the joint
+        # patches of neighbouring segments, which extend over the joint, are not used
+        own = len(CLOTHES) + patches_of(points, name)
         off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
         away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
         if thicker > TOO_THICK:
@@ -53,7 +57,7 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
     """Return by how many standard deviations of girth a segment is thicker than expected. The expected girth is the
-    other side's, limited to between the mean and ``ORDINARY``.
+    girth of the other side's limb, limited to the range from the mean to ``ORDINARY``.
     """
     if name == "trunk":
         return 0.0
@@ -99,7 +103,7 @@ def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
 
 @cache
 def patches_of(points: SkinPoints, part: str) -> np.ndarray:
-    """Return the patches (k,) that lie mostly on a segment; none for hands, feet and head."""
+    """Return the patches (k,) that lie mostly on a segment; an empty array for hands, feet and head."""
     mine = points_of_segments(points).get(part)  # type: ignore[call-overload]
     patches = points.covered[:, len(CLOTHES) :]
     if mine is None:

@@ -45,7 +45,8 @@ from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
-# maximum number of nodes used; using the fit's 2,500 doubles the computing time and changes sigma by under a tenth
+# maximum number of nodes used for sigma; the 2,500 nodes of the fit would double the computing time and change sigma by
+# under a tenth
 NODES: Final = 1200
 
 
@@ -55,9 +56,9 @@ def noise_covariance(
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
     noises: one per camera, None without a depth image. A change n of the readings changes the pose by ``C J^T W n``,
-    where C is the belief's covariance, J the rows' Jacobian, and W has the fit's weights. So noise with the covariance
-    N gives the pose the covariance ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px`` pixels share one
-    error; nodes of different patches are independent.
+    where C is the belief's covariance, J the rows' Jacobian, and W the diagonal matrix of the fit's weights. So noise
+    with the covariance N gives the pose the covariance ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px``
+    pixels share one error; nodes of different patches are independent.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -92,11 +93,12 @@ def _felt(
 def node_noise(
     evidence: Evidence, noises: Sequence[DepthNoise | None], thinned: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) whose error it shares.
+    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) of nodes with which it shares one
+    error.
 
-    thinned: share of the nodes that are used. If a used node represents more pixels than those that share one error,
-    denoising averages their errors; the node is then a patch of its own, with less noise. Sigma is 0 if the camera's
-    noise is unknown.
+    thinned: share of the nodes that are used. If a used node represents more pixels than the pixels that share one
+    error, denoising averages the errors of its pixels; the node is then a patch of its own, with less noise. Sigma is 0
+    if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -118,7 +120,7 @@ def node_noise(
 
 
 def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error, in the camera with the
+    """Return the side, in metres at the patient, of a patch of pixels that share one error, for the camera with the
     smallest patches; 0 if no camera shows the patient.
 
     A sensor's matching windows and smoothing shift the edges of a limb by a part of this length.
@@ -137,12 +139,12 @@ WORTH_M2: Final = 0.004
 # m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer than this to the joint's
 # estimated place: the length of a shank, or of a forearm with its hand
 IN_REACH_M: Final = 0.45
-# a limb points at a camera if the cosine of the angle between limb and ray is over this
+# a limb points at a camera if the cosine of the angle between limb and ray is over this value
 END_ON: Final = float(np.cos(np.radians(35.0)))
 # factor on the number of rows that count as one observation in ``frame_alone_sigma``, since bent fingers shift a whole
 # hand; tuned on one recording of a reaching arm
 MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of its skin is hidden
+HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of the limb's skin is hidden
 BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
@@ -170,7 +172,7 @@ the clothes."""
 
 @cache
 def systematic_m() -> np.ndarray:
-    """Return ``_SYSTEMATIC_MM`` of each joint (21,), metres."""
+    """Return the systematic error of each joint (21,), metres, from ``_SYSTEMATIC_MM``."""
     names = [name.removesuffix("Left").removesuffix("Right") for name in JOINT_NAMES]
     return np.array([_SYSTEMATIC_MM[name] for name in names]) / 1000.0
 
@@ -185,9 +187,9 @@ def joint_sigma(
 ) -> np.ndarray:
     """Return the standard deviation (21,) of the joints' position errors per axis, metres.
 
-    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise: of
-    the same shape, from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from ``finest_patch_m``;
-    a limb lies midway between its two edges, and each edge has a uniform error within such a patch.
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise:
+    array of the same shape from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from
+    ``finest_patch_m``; a limb lies midway between its two edges, and each edge has a uniform error within such a patch.
     """
     places = body.mesh.joints(posed.transforms)
     every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
@@ -197,7 +199,9 @@ def joint_sigma(
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
-    """Return the sigma (p,) of each skin point: the sigma of the middle of the body part to which the point belongs."""
+    """Return the sigma (p,) of each skin point, which is the sigma of the middle of the body part to which the point
+    belongs.
+    """
     count = np.bincount(body.points.part)
     parts = np.flatnonzero(count)
     middles = np.stack([np.bincount(body.points.part, posed.points_m[:, axis]) for axis in range(3)], axis=1)
@@ -225,10 +229,11 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then determines the skin only to the width of an edge, and all nodes in a square of this width count as one
-    observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction that
-    the trunk faces follows from the difference between its breadth and its depth, and both have an error of edge_m. So
-    joints off the trunk's axis have an additional error that is proportional to their distance from the axis.
+    A node then determines the skin's place only to within the width of an edge, and all nodes in a square of this width
+    count as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The
+    direction that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an
+    error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from
+    the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -242,7 +247,8 @@ def smeared_sigma(
     spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0  # mean over the three axes; the error lies along one of them
+    # mean over the three axes; the error lies along a single axis
+    turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
 
 
@@ -257,10 +263,11 @@ def frame_alone_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
 
-    These are limbs that point at a camera and that no camera sees from the side, and hidden limbs. Earlier frames have
-    the same error as this one, but the posterior treats their errors as independent. For example, the assumption that a
-    foot stands must count once, not in every frame. So the sigma of such a limb comes from this frame alone, the joint
-    ranges and the time since the limb was seen (unseen_s as in ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
+    These are hidden limbs, and limbs that point at a camera and that no camera sees from the side. Earlier frames have
+    the same error of these limbs as this frame, but the posterior treats the errors of all frames as independent. For
+    example, the assumption that a foot stands must count once, not in every frame. So the sigma of these limbs is
+    computed only from this frame, the joint ranges and the time since the limb was seen (unseen_s as in
+    ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
     """
     posed = pose_points(body, pose)
     joints = body.mesh.joints(posed.transforms)
@@ -271,11 +278,11 @@ def frame_alone_sigma(
     if not mine.any():
         return sigma_m
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # nodes near a hidden part do not show it
+    if hidden is not None:  # nodes near a hidden part of a limb do not show this part
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # largest variance along any direction: the error of a hidden knee is forward, that of a pointing arm is in depth
+    # take the largest variance along any direction: a hidden knee has its error forward, a pointing arm in depth
     variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
@@ -287,10 +294,11 @@ def shape_sigma(
 ) -> np.ndarray:
     """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
 
-    Pose and shape are parameters of the same normal equations, so another shape would have been registered in another
-    pose. The joints of both then hardly differ where skin is seen, even if the bones do.
+    Pose and shape are parameters of the same normal equations, so a body with another shape would have been registered
+    in another pose. Where skin is seen, the joints of the two bodies hardly differ, even if their bones do.
     """
-    used = replace(config, node_count=min(config.node_count, NODES // 2))  # more change this sigma by under a tenth
+    # more nodes would change this sigma by under a tenth
+    used = replace(config, node_count=min(config.node_count, NODES // 2))
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], used)
     nodes = max(len(evidence.surface), 1)
@@ -298,7 +306,8 @@ def shape_sigma(
     known = (pose, vague_belief(pose).information)
     prior = prior_equations(body.points, pose, known, hidden_bones(body.points, rows, alike))
     both = pose_equations(body, pose, posed, rows, prior, alike, shape.free).hessian
-    follows = -np.linalg.solve(both[:POSE_SIZE, :POSE_SIZE], both[:POSE_SIZE, POSE_SIZE:])  # pose, by the shape
+    # derivative of the registered pose by the shape
+    follows = -np.linalg.solve(both[:POSE_SIZE, :POSE_SIZE], both[:POSE_SIZE, POSE_SIZE:])
     joints = body.mesh.joints(posed.transforms)
     moved = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints) @ follows
     count = shape.free.coefficients
@@ -307,10 +316,11 @@ def shape_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether a limb points at a camera from which nothing hides it, and no camera sees its part beyond elbow or
-    knee from the side.
+    """Return whether a limb points at a camera, nothing hides it from this camera, and no camera sees its part beyond
+    elbow or knee from the side.
 
-    The camera at which the limb points need not see this part, since the part's estimated place may be too far off.
+    The camera at which the limb points need not see the part beyond elbow or knee, since its estimated place may be too
+    far off.
     """
     root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
     looking = [
@@ -335,8 +345,8 @@ def _spread_by_frame(
 ) -> np.ndarray:
     """Return the mean squared error (21, 3, 3) of the joints, from one frame's rows, the joint ranges and ``known``.
 
-    These three may pull a joint away from its place in the pose; the distance is part of the error. known (POSE_SIZE,
-    POSE_SIZE): inverse covariance of the pose by earlier frames.
+    The rows, the joint ranges and ``known`` may pull a joint away from its place in the pose; this distance is part of
+    the error. known (POSE_SIZE, POSE_SIZE): inverse covariance of the pose given earlier frames.
     """
     posed = pose_points(body, pose)
     prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
@@ -353,9 +363,9 @@ def unexplained_sigma(
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
     Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
-    may lie at the piece's tip instead of its present place. The odds for this compare two log likelihoods: what the
-    limb would gain on the piece, and what it would lose at its present place. An elbow or knee may lie at the tip, too;
-    then the whole limb would lose its log likelihood.
+    may lie at the piece's tip instead of its present place. The log odds for this are the log likelihood that the limb
+    would gain on the piece, minus the log likelihood that it would lose at its present place. An elbow or knee may lie
+    at the tip, too; then the log likelihood of the whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -374,8 +384,9 @@ def unexplained_sigma(
 
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
-    """Return the lost hands and feet (joint indices): a camera saw past their place in this frame, or did in an earlier
-    frame and no camera has seen them since. before: the lost hands and feet of the frame before.
+    """Return the lost hands and feet (joint indices). A hand or foot is lost if a camera sees past its place in this
+    frame, or did so in an earlier frame after which no camera has seen it. before: the lost hands and feet of the frame
+    before.
     """
     return frozenset(
         end
@@ -388,11 +399,11 @@ def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
     """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``) and for the
-    wrists and ankles next to them.
+    wrists and ankles next to lost hands and feet.
 
-    If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist does
-    not count as observed, and half of its distance from the elbow is assumed as an additional error. The lost hand gets
-    this error too, since its place follows from the wrist's. The same holds for ankle and foot.
+    If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
+    lost hand does not count as observed, and half of its distance from the elbow is assumed as an additional error. The
+    lost hand gets this error too, since its place follows from the wrist's. The same holds for ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
@@ -406,7 +417,7 @@ def before_lost_ends(
 
 @cache
 def limb_ends() -> np.ndarray:
-    """Return (21,) the limb of each joint beyond shoulder and hip; ``TRUNK`` for all other joints."""
+    """Return (21,): for each joint beyond shoulder or hip, the number of its limb; for all other joints, ``TRUNK``."""
     limb = LIMB_OF_JOINTS.copy()
     limb[[JOINT_INDEX[f"Shoulder{side}"] for side in ("Left", "Right")]] = TRUNK
     return limb

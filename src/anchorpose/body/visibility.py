@@ -21,13 +21,16 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT, JointState
 from anchorpose.lens import lens_array, pixel_of_ray
 
-JOINT_RADIUS_M: Final = 0.13  # m, radius around a joint within which skin decides whether the joint is seen
-TRUNK_RADIUS_M: Final = 0.22  # m, the same for joints of the spine, which lie this far from the skin of the belly
+# m, radius around a joint within which skin decides whether the joint counts as seen
+JOINT_RADIUS_M: Final = 0.13
+# m, radius as ``JOINT_RADIUS_M``, but for joints of the spine, which lie this far from the skin of the belly
+TRUNK_RADIUS_M: Final = 0.22
 # a camera sees a joint if it sees at least this share of the camera-facing skin around the joint
 LEAST_SEEN: Final = 0.2
 # if more than this share of the skin around a joint lies outside the image, the joint itself counts as outside
 MOST_OUTSIDE: Final = 0.5
-GRAZING: Final = 0.25  # minimum cosine between ray and normal of camera-facing skin; below it, almost no readings exist
+# minimum cosine between ray and skin normal for skin to count as facing a camera; below it, almost no readings exist
+GRAZING: Final = 0.25
 
 _TRUNK = ("Hips", "Spine")
 _REASONS = (
@@ -41,15 +44,16 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The kind of reading that a camera has at a skin point's pixel: whether it sees the point, or why not. For each
-    kind except the last, its value is the index of the corresponding joint state in ``_REASONS``.
+    """The kind of reading that a camera has at a skin point's pixel: whether the camera sees the point, or why not. The
+    value of each kind except the last is the index of the corresponding joint state in ``_REASONS``.
     """
 
-    SEEN = 0  # the patient, at the depth of the point
-    SELF = 1  # the patient, in front of the point
-    EQUIPMENT = 2  # equipment, at the depth of the point or in front of it
-    PERSON = 3  # another person, at the depth of the point or in front of it
-    HOLE = 4  # no usable reading, or an object of the room, at the depth of the point or in front of it
+    SEEN = 0  # the pixel shows the patient, at the depth of the point
+    SELF = 1  # the pixel shows the patient, in front of the point
+    EQUIPMENT = 2  # the pixel shows equipment, at the depth of the point or in front of it
+    PERSON = 3  # the pixel shows another person, at the depth of the point or in front of it
+    # the pixel has no usable reading, or shows an object of the room at the depth of the point or in front of it
+    HOLE = 4
     OUTSIDE = 5  # the point lies outside the image
     PAST = 6  # the camera sees past the point: the reading lies farther away
 
@@ -70,8 +74,8 @@ def projection_of(camera: Camera) -> Projection:
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, per joint, the skin points around it at rest, on the body parts that meet there; a joint's visibility is
-    decided by them.
+    """Return, for each joint, the skin points by which its visibility is decided: those that lie around the joint at
+    rest, on the body parts that meet at the joint.
     """
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
@@ -94,12 +98,12 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: observed if any camera sees it, else the most frequent reason why the
-    skin around it is hidden.
+    """Return the state of each of the 21 joints: observed if any camera sees the joint, else the most frequent reason
+    why the skin around the joint is hidden.
 
-    covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin at the
-    patient's pixels that covers no node, such as an arm inside the trunk, is behind the seen surface. A joint is lost
-    if cameras see past most of the skin around it and do not see the patient there.
+    covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
+    at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A
+    joint is lost if cameras see past most of the skin around it and do not see the patient there.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
@@ -121,7 +125,8 @@ def joint_states(
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
-    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed  # without images, a hole counts as the reason
+    # if no camera has an image, a hole counts as the reason
+    votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed
     misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
@@ -190,7 +195,9 @@ def pixels_of(
 def _read(
     column: np.ndarray, row: np.ndarray, far: np.ndarray, labels: np.ndarray, depth: np.ndarray, reach: float
 ) -> np.ndarray:
-    """Return the ``SkinReason`` (p,) int64 from label and depth of each point's pixel; column -1: outside the image."""
+    """Return the ``SkinReason`` (p,) int64 from label and depth of each point's pixel; column -1 stands for a point
+    outside the image.
+    """
     reason = np.full(len(column), np.int64(SkinReason.PAST))
     for p in range(len(column)):
         if column[p] < 0:
@@ -213,7 +220,9 @@ def _read(
 
 @njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """Return (p,) bool: skin whose normal has a cosine above ``grazing`` with the direction to the camera."""
+    """Return (p,) bool: skin points at which the cosine between the normal and the direction to the camera is above
+    ``grazing``.
+    """
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
         towards, squared = 0.0, 0.0
@@ -248,15 +257,15 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the readings that exist resolve limbs. If holes are the only defect, they do: only joints at
+        """Return whether the existing readings resolve limbs. They do if holes are the only defect: then only joints at
         holes become hidden.
         """
         return self.kind is PoorKind.HOLES
 
 
 def too_coarse(camera: str, detail: DepthDetail, distance_m: float) -> PoorDepth | None:
-    """Return the defect that makes depth too coarse at this distance: edges or steps wider than a limb; None if there
-    is none.
+    """Return the defect that makes depth too coarse at this distance: edges or steps wider than a limb; None without a
+    defect.
     """
     edge_m, step_m = detail.edge_m(distance_m), detail.step_m(distance_m)
     if max(edge_m, step_m) <= LIMB_M:
@@ -272,8 +281,8 @@ def poor_depth(
     details: Sequence[DepthDetail | None],
     reach_m: float,
 ) -> tuple[PoorDepth | None, ...]:
-    """Return, per camera, why its depth image of the patient is too poor for joints; None if it is good enough or does
-    not show the patient.
+    """Return, for each camera, why its depth image of the patient is too poor for joints; None if the image is good
+    enough or does not show the patient.
 
     posed: the body in its registered pose. details: one per camera, None without a depth image of the frame.
     """
@@ -295,7 +304,7 @@ def _of_camera(posed: PosedPoints, view: View, camera: Camera, detail: DepthDeta
 
 
 def distance_of(view: View) -> float | None:
-    """Return the median depth (m) of the patient in a view; None if the patient is not in it."""
+    """Return the median depth (m) of the patient in a view; None if the view does not show the patient."""
     depth = view.depth_m[view.patient]
     return float(np.median(depth)) if depth.size else None
 

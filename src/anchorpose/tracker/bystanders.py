@@ -64,12 +64,14 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)  # predicted pose's sigma after 1 s: bones, pelvis
+# sigma of a bystander's predicted pose after 1 s, for each bone and for the pelvis
+WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
 TALLEST_CHILD_M: Final = 1.5  # m; people who appear taller get an adult's proportions, others a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the body gets the given height
-LEAST_EXPLAINED: Final = 0.75  # a body is used only if it lies near at least this share of the person's surface nodes
+HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the fitted body gets this height
+# a fitted body is used only if at least this share of the person's surface nodes lies near the body
+LEAST_EXPLAINED: Final = 0.75
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
 # not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
@@ -78,8 +80,10 @@ MOST_TRUNK_PAST: Final = 0.25
 MOST_LIMB_PAST: Final = 0.5
 LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
 SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
-GROWTH_M_S: Final = 0.4  # m/s, growth of the skin's sigma after a fit, since a hand may move faster than predicted
-DAMPING: Final = 0.8  # a predicted movement has this share of the last movement's velocity, since movements slow down
+# m/s, growth of ``SKIN_SIGMA_M`` with the time since the last fit, since a hand may move faster than predicted
+GROWTH_M_S: Final = 0.4
+# ratio of a predicted movement's velocity to the last movement's velocity; below 1, since movements slow down
+DAMPING: Final = 0.8
 FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; doubled after each failure, up to 240
 
 
@@ -113,8 +117,8 @@ class Bystanders:
 
 
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
-    """Return the likelihood that a place belongs to each bystander, from the predicted skin of their bodies. elapsed_s:
-    time since the frame to which ``bystanders`` belong.
+    """Return, for each bystander, the likelihood that a place belongs to this bystander, computed from the predicted
+    skin of the bystander's body. elapsed_s: time since the frame of ``bystanders``.
     """
     found = []
     for one in bystanders.followed:
@@ -163,10 +167,10 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    If a body no longer fits the person's pixels, a new body is fitted. If this fails too, or if the person is hidden,
-    the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there. It is
-    dropped earlier if a camera sees past it (reads something farther away). For a visible person without a body,
-    fitting is tried again after a pause.
+    If a body does not fit the person's pixels any more, a new body is fitted. If no body fits, or if the person is
+    hidden, the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there.
+    The body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person
+    without a body, fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -227,8 +231,8 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
     """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used, since
-    a large part of it is the edge of an object that hides the body, not the body's own edge. If few pixels show the
-    person, a larger share of these pixels becomes nodes.
+    a large part of the outline is the edge of an object that hides the body, not the body's own edge. If few pixels
+    show the person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -239,8 +243,8 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
-    """Return whether a fitted body may be a real person: no camera reads something farther away at a large part of the
-    body. If a camera does, the pixels to which the body was fitted may show only a part of another person.
+    """Return whether a fitted body may be a real person: no camera sees past a large part of the body (reads something
+    farther away there). If a camera does, the body may have been fitted to pixels that show only a part of a person.
     """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)
@@ -256,7 +260,9 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
-    """Return a hidden bystander in the last pose; None after ``MEMORY_S`` or if a camera sees past the body."""
+    """Return a hidden bystander with the body in its last pose; None after ``MEMORY_S`` or if a camera sees past the
+    body.
+    """
     hidden_s = one.hidden_s + abs(elapsed_s)
     if hidden_s > MEMORY_S or not _is_person(one.body, one.belief.pose, evidence):
         return None
@@ -297,7 +303,7 @@ def ordinary_body(points: SkinPoints, steps: int) -> Body:
 
 
 def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystander | None:
-    """Return a bystander with a newly fitted body; None if there is no body that fits the person's pixels."""
+    """Return a bystander with a newly fitted body; None if no body fits the person's pixels."""
     if person is None:
         return None
     body, found = person

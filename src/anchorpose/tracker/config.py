@@ -24,7 +24,8 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-# m, limits of the height that a user may give; the body shape model has no other heights, their unit is probably wrong
+# m, limits of the height that a user may give; the body model does not have other heights, and their unit is probably
+# wrong
 HEIGHTS_M: Final = (1.2, 2.2)
 
 
@@ -59,8 +60,9 @@ class TrackConfig:
     # whether to track backward, too, and combine both passes; takes twice the time of one pass, and is impossible live
     smooth: bool = False
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
-    patient_xz_m: tuple[float, float] | None = None  # m, patient's x and z on the floor; None = chosen automatically
-    # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person there
+    # m, patient's x and z on the floor; None = the patient is chosen automatically
+    patient_xz_m: tuple[float, float] | None = None
+    # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person at this place
     patient_frame: int | None = None
     motions: str | None = None  # file of reference movements; None = the file that ships with the package
     clocks: ClockConfig = field(default_factory=ClockConfig)

@@ -48,14 +48,14 @@ class Estimate:
     observation: Observation | None  # results of earlier stages; None if the patient was not found, or not searched for
     belief: PoseBelief | None  # pose and its uncertainty; None if the patient is lost
     shape: FittedShape | None  # shape of the body; None if the patient was not found or not searched for
-    explained: float  # 0 to 1, share of the patient's visible surface that lies near the body
+    explained: float  # 0 to 1, share of the patient's visible surface that lies near the fitted body
     joints_m: np.ndarray  # (21, 3) m, world; NaN for lost joints
     sigma_m: np.ndarray  # (21,) m, standard deviation of each joint's position per axis; NaN for lost joints
     states: tuple[JointState, ...]
     # share of the track tree's nodes that have a match in this frame; None if the tree was not used
     matched_share: float | None = None
     explanation: Explanation | None = None  # how well the pose fits the depth images; None if the patient is lost
-    why_lost: str = ""  # why all joints are lost; empty if they are not
+    why_lost: str = ""  # the reason why all joints are lost; empty if they are not lost
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images of this frame too poor for joints
     moved: bool = False  # whether limbs were found in another place than earlier frames suggested
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
@@ -103,8 +103,8 @@ def estimate_of(
 ) -> Estimate:
     """Estimate the registered body's joints (paper, rule J), their states from the depth images, and their sigma.
 
-    corrected: joints that a reviewer placed. If the images contradict the reviewer's place, the joint counts as hidden,
-    not as lost, and its sigma covers its distance from that place.
+    corrected: joints that a reviewer placed. If the images contradict the reviewer's place of a joint, this joint
+    counts as hidden, not as lost, and its sigma covers its distance from that place.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
@@ -147,14 +147,16 @@ def _sigma(
     config: TrackConfig,
     earlier: Earlier,
 ) -> np.ndarray:
-    """Return sigma_m (21,) of the pose's posterior, increased by each error that the posterior does not include."""
+    """Return the joints' sigma_m (21,) from the posterior of the pose, increased by each error that the posterior does
+    not include.
+    """
     evidence, uncertainty = observation.evidence, config.uncertainty
     noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
     noise = noise_covariance(body, belief, evidence, noises, config.registration)
     patch_m = finest_patch_m(evidence, noises)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior trusts the pose of the frame before, but people move: sigma grows with the time that a part is
-    # hidden
+    # the posterior trusts the pose of the frame before, but people move; so the sigma of a hidden part grows with the
+    # time that the part is hidden
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
@@ -170,7 +172,7 @@ def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
     """Return the states and sigma_m (21,) of all joints. Joints that a reviewer placed get the state ``HIDDEN`` instead
-    of ``LOST``, and their sigma covers their distance from the reviewer's place.
+    of ``LOST``, and their sigma is large enough to cover their distance from the place that the reviewer gave.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)

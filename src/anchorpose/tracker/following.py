@@ -55,7 +55,7 @@ def follow_openly(
 
 
 class Follower:
-    """The follower of one patient, which takes one frame at a time. It can be stored between two frames
+    """The follower of one patient, which takes one frame at a time. A follower can be stored between two frames
     (``tracker.journal``). The arguments are those of ``follow_openly``; search: the search to continue, None if the
     patient was not followed before.
     """
@@ -117,7 +117,9 @@ class Follower:
                 yield from self.step(waiting)
 
     def _look(self, frame_set: FrameSet) -> Estimate:
-        """Search this frame for the patient; return the first estimate, or an estimate with all joints lost."""
+        """Search this frame for the patient. Return the first estimate of the patient, or an estimate with all joints
+        lost.
+        """
         self._wait -= 1
         if self._search is not None:
             with self.run.stage("isolation"):

@@ -25,7 +25,8 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-LEAST_BONE_M: Final = 1e-6  # m; shorter bones are divided by this, not by their length; only a missing bone is shorter
+# m, minimum length by which a bone's vector is divided to get its direction; only missing bones are shorter
+LEAST_BONE_M: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +40,7 @@ class FrameRecord:
     matched_share: float | None  # share of the track tree's nodes that have a match; None if no tree was used
     near: Nearness | None  # how near other people are to the body; None if the patient is lost
     problems: tuple[str, ...]  # problems of the depth images, and the reason if a reviewer marked the frame as unusable
-    why_lost: str = ""  # why the patient is lost; empty if not
+    why_lost: str = ""  # the reason why the patient is lost; empty if the patient is not lost
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images too poor for joints
     gaps: EquipmentGaps | None = None  # gaps between body and equipment; None if one of them is unknown
 
@@ -83,8 +84,8 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """Return the record of the pass whose trunk is reported, with the joints and the pose replaced by ``answer``, the
-    combined result of both passes. explanation: how well the smoothed pose fits the frame.
+    """Return ``record`` with the joints and the pose replaced by those of ``answer``, the combined result of both
+    passes. record: from the pass whose trunk is reported; explanation: how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

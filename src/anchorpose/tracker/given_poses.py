@@ -2,7 +2,7 @@
 
 If a contradiction is far larger than the noise of the depth images, the recording is refused. A smaller contradiction
 is noted, and increases the sigma of every joint. A single camera can be checked only by the floor and the equipment. If
-it sees neither of them, a wrong pose remains unnoticed and displaces all joints equally.
+the camera sees neither of them, a wrong pose remains unnoticed and displaces all joints equally.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# joints are assumed to be displaced by this share of the error of one camera's pose if other cameras see them, too
+# joints that several cameras see are assumed to be displaced by this share of the error of one camera's pose
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -44,7 +44,9 @@ class PosesAsked:
 def agreeing_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> Calibration:
-    """Return the calibration with notes on minor contradictions; raises InputError if a given pose cannot be right."""
+    """Return the calibration with notes on minor contradictions between camera poses; raises InputError if a given pose
+    cannot be right.
+    """
     asked = ask_poses(recording, calibration, clocks, scenes, samples)
     _refuse_contradicted(recording, asked, scenes)
     notes = (*calibration.notes, *(f"{doubt.sentence}; the given pose is used" for doubt in asked.doubts))
@@ -73,9 +75,9 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Return a doubt raised by the equipment as a mere note, which neither refuses the recording nor increases sigma;
-    return other doubts unchanged. Call this only if all cameras agree with each other: then the equipment was moved,
-    not a camera.
+    """Return a doubt about a camera pose unchanged, unless the equipment raised it: then return it as a mere note,
+    which neither refuses the recording nor increases sigma. Call this function only if all cameras agree with each
+    other: then the equipment was moved, not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -83,8 +85,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError if a contradiction of the poses is far larger than noise. The error states the contradiction,
-    its size and a remedy.
+    """Raise InputError if a contradiction between camera poses is far larger than the noise. The error states the
+    contradiction, its size and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:
@@ -103,7 +105,7 @@ def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequen
 
 
 def remedy_of(doubt: PoseDoubt) -> str:
-    """Return what the user can do about a doubt."""
+    """Return the remedy that is suggested to the user for a doubtful camera pose."""
     return TURN if doubt.source is DoubtSource.UPSIDE_DOWN else REMEDY
 
 

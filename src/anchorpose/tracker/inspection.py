@@ -41,7 +41,8 @@ class Next:
 
     observation: Observation
     links: Hypotheses  # possible matches of each node of the inspected frame in the next frame
-    hypothesis: GlobalHypothesis  # the best branches of the track tree, and the matches that follow from them
+    # the best branches of the track tree (chains of matches over several frames), and the matches that follow from them
+    hypothesis: GlobalHypothesis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +55,7 @@ class Inspection:
     estimate: Estimate | None  # None if the patient was not found
     next: Next | None  # None if the recording ends here or the patient was not found
     height_m: float  # m, the patient's height; the expected distances between anchors grow with it
-    account: tuple[str, ...]  # sentences about the steps taken and the reasons for missing results
+    account: tuple[str, ...]  # sentences for the user about the steps taken and the reasons for missing results
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,11 +107,11 @@ def inspect_frame(
 ) -> Inspection:
     """Return the results of all stages for the frame with this number.
 
-    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. This takes as long as
-    ``track``, and gives exactly the joints of ``track``. Otherwise, tracking starts at a nearby frame, with a first
-    guess of the body. config.patient_xz_m: where the patient stands, in the initial frame if as_tracked, otherwise in
-    the inspected frame. tick is called for every frame that is read. Raises InputError if the recording has no frame
-    with this number.
+    as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. Learning and following
+    take as long as ``track`` does, and give exactly the joints of ``track``. Otherwise, tracking starts at a nearby
+    frame, with a first guess of the body. config.patient_xz_m: where the patient stands, in the initial frame if
+    as_tracked, otherwise in the inspected frame. tick is called for every frame that is read. Raises InputError if the
+    recording has no frame with this number.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -147,7 +148,9 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    """Track as ``track`` does, but from a nearby frame and with a first body; also return sentences on these steps."""
+    """Track as ``track`` does, but from a nearby frame and with a first guess of the body; also return sentences on
+    these steps.
+    """
     for initial in _initial_frames_nearby(route, position, run.room, run.config):
         reached = _follow(route, initial, position, None, run)
         if reached is not None:

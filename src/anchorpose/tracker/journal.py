@@ -3,15 +3,15 @@
 Reading runs no code from a file: the class of an object follows from the type annotation of the attribute that holds
 it. So every stored class declares its attributes, as dataclasses and named tuples do. A value is stored as a JSON tree.
 Null, booleans, numbers and texts are stored as they are, a member of an enumeration as its value, and a container as a
-list. Anything else is a JSON object with one key:
+list. Any other value is a JSON object with one key:
 
 - ``{"Pose": {"root_m": ...}}`` is an object of the class Pose;
 - ``{"again": 3}`` is the fourth object (number 3) of this value once more;
 - ``{"shared": "run"}`` is an object that is not stored, since the reader already has it under the name ``run``;
 - ``{"array": 5}`` is the sixth array after the tree; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes.
 
-An object or array that occurs twice in a value is still a single one after reading. A container that occurs twice
-becomes two containers.
+An object or array that occurs twice in a value is also a single object or array after reading. A container that occurs
+twice becomes two containers.
 
 Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
 frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run goes on with
@@ -58,7 +58,7 @@ def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) ->
 def read_value(stream: BytesIO, kind: Any, shared: Mapping[str, object]) -> Any:
     """Read a value of the type ``kind`` that ``write_value`` wrote, from the present position to the end of ``stream``.
 
-    Raises ValueError if the content is not such a value.
+    Raises ValueError if the content is not a value of this type.
     """
     try:
         tree, *arrays = _read_arrays(stream)
@@ -84,7 +84,7 @@ class _Writer:
         self._objects = 0
 
     def node(self, value: Any) -> Any:
-        """Return the tree node that stands for a value."""
+        """Return the node of the JSON tree that stands for a value."""
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, Enum):
@@ -101,7 +101,7 @@ class _Writer:
             return self._array("number", np.asarray(value))
         if id(value) not in self._known:
             return self._array("array", value) if isinstance(value, np.ndarray) else self._object(value)
-        return self._known[id(value)]  # the value was stored before, or is shared
+        return self._known[id(value)]  # the value was stored before, or it is one of the shared objects
 
     def _array(self, word: str, array: np.ndarray) -> dict[str, Any]:
         self._known[id(array)] = node = {word: len(self.arrays)}
@@ -124,7 +124,9 @@ class _Reader:
         self._objects: list[object] = []
 
     def value(self, node: Any, kind: Any) -> Any:
-        """Return the value of a tree node; its type is ``kind`` or, if this is a union, one of the union's types."""
+        """Return the value for which a node of the JSON tree stands; the value's type is ``kind`` or, if ``kind`` is a
+        union, one of the union's types.
+        """
         kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         if isinstance(node, dict):
             found = self._named(node, kinds)
@@ -177,7 +179,9 @@ class _Reader:
         return make(self._items(node, repeat(of[0])))
 
     def _items(self, node: list[Any], kinds: Iterable[Any]) -> list[Any]:
-        """Return the values of a list's nodes; kinds: their types, one per node, or one type repeated without end."""
+        """Return the values of the nodes in a list. kinds: the types of these values, one per node, or one type
+        repeated without end.
+        """
         return [self.value(item, kind) for item, kind in zip(node, kinds, strict=not isinstance(kinds, repeat))]
 
 
@@ -311,7 +315,9 @@ class Blocks(Generic[Item]):
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks, to notice a lost last block; needed if the number is stored nowhere else."""
+        """Store the number of blocks, so that a lost last block is noticed; needed if the number is stored nowhere
+        else.
+        """
         self._journal.write(COUNT, count)
 
     def _count(self) -> int:

@@ -30,7 +30,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# for each frame that learning uses, this many frames are kept; learning uses those whose poses differ most
+# number of frames that are kept for each frame that learning uses; learning then uses those whose poses differ most
 CANDIDATES: Final = 2
 
 
@@ -60,7 +60,7 @@ class OtherFacing:
 
     pose: Pose
     shape: FittedShape
-    behind: float  # nats, by which this facing is less likely than the chosen facing
+    behind: float  # number of nats by which this facing is less likely than the chosen facing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,11 +90,11 @@ class LearntPatient:
 
 
 class Stretch(NamedTuple):
-    """A part of the recording that the body is learnt from.
+    """A part of the recording that serves to learn the body.
 
-    choice: where the patient stands in its first frame; None if no patient is to be searched for. start: the patient as
-    found in that frame; None if not searched for yet. frames: function that yields the frames of the stretch, forward
-    or backward in time; each call begins with the first frame.
+    choice: where the patient stands in the stretch's first frame; None if no patient is to be searched for. start: the
+    patient as found in the first frame; None if not searched for yet. frames: function that yields the frames of the
+    stretch, forward or backward in time; each call begins with the first frame.
     """
 
     choice: PatientChoice | None
@@ -142,9 +142,11 @@ class _Window:
 
     kept: list[_Seen]
     seconds: float  # s, time from the start of this stretch (see ``_windows``) to the end of this window
-    moved: float  # nats, improbability of the movements in this window by which the body turned round
+    # nats, cost of the movements in this window by which the body turned round: the less probable, the larger
+    moved: float
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    turned: Start | None  # start with the opposite facing in the frame ``frame``; None if this frame excludes it
+    # start with the opposite facing in the frame ``frame``; None if this frame excludes that facing
+    turned: Start | None
     frame: int  # number of the first frame with the patient; 0 in stretches after the first
 
 
@@ -179,7 +181,7 @@ _Learning = Iterator[_Step]
 
 
 def _window_by_window(windows: Iterator[_Window], before: LearntPatient | None, run: Run) -> _Learning:
-    """Yield, after each window, the patient as learnt so far and the window."""
+    """Learn from one window after another; yield, after each window, the patient as learnt so far and the window."""
     learnt, so_far_s = before, 0.0 if before is None else before.seconds
     for window in windows:
         learnt = _learn_more(learnt, window, so_far_s + window.seconds, run)
@@ -200,8 +202,8 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
     """Learn with both facings of the patient until one is clearly more probable; return the patient learnt with this
     facing, and the window with most frames. If the stretch does not decide, the result also contains the other facing.
 
-    A single frame may show too little to decide which way the patient faces. Over several windows, a wrong facing
-    becomes evident: no body of human shape fits all of them, or the person seems to turn round at some time.
+    A single frame may show too little to decide which way the patient faces. Over several windows of frames, a wrong
+    facing becomes evident: no body of human shape fits all windows, or the person seems to turn round at some time.
     """
     lead, mine, theirs = _compared(one, other, run)
     if theirs is None:
@@ -216,9 +218,10 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
     """Compare two facings window by window until one is clearly more probable or a facing has no more windows. Return
     by how many nats the first facing is more probable and, for each facing, the learnt patient and the last compared
-    window. The last value is None if nobody with the second facing can be followed.
+    window. The last of these values is None if nobody with the second facing can be followed.
 
-    Errors of the shape affect all windows alike, so the mean over the windows counts, not the sum.
+    Errors of the body shape affect all windows alike, so the log probabilities are averaged over the windows, not
+    summed.
     """
     nats, moved, mine, theirs = list[float](), 0.0, next(one), next(other, None)
     while theirs is not None:
@@ -255,8 +258,8 @@ def _windows(
 ) -> Iterator[_Window]:
     """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
 
-    one_facing: whether to end where the tracked body turns round. From there on, the body faces the other way, and
-    another pass tracks these frames with that facing.
+    one_facing: whether to end where the tracked body turns round. From this frame on, the body has the other facing,
+    and another pass tracks these frames with the other facing.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
@@ -266,7 +269,8 @@ def _windows(
     moved, last = 0.0, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
-        # time counts from the stretch's first frame; in the first stretch, from when the patient is found
+        # time is counted from the stretch's first frame, or, in the first stretch, from the frame in which the patient
+        # is found
         began_s = time_s if began_s is None and before is not None else began_s
         if began_s is not None and abs(time_s - began_s) > longest_s:
             break
@@ -299,7 +303,9 @@ def _moved(before: _Seen, after: _Seen) -> float:
 
 
 def _seen(estimate: Estimate, run: Run) -> _Seen | None:
-    """Return the values of a frame that learning needs; None if no body fits it or a reviewer marked it as unusable."""
+    """Return the values of a frame that learning needs; None if no body fits the frame or a reviewer marked it as
+    unusable.
+    """
     if estimate.belief is None or estimate.shape is None or estimate.observation is None:
         return None
     if estimate.explained < LEAST_EXPLAINED or run.room.review.why_unusable(estimate.frame_set.frame) is not None:
@@ -316,12 +322,14 @@ def _fixed(window: _Window, run: Run) -> LearntPatient:
 
 
 def _apart_s(one: _Seen, other: _Seen) -> float:
-    """Return the time between two frames, never negative: the learning pass may go backward."""
+    """Return the time between two frames; it is never negative, although the learning pass may go backward."""
     return abs(other.time_s - one.time_s)
 
 
 def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, run: Run) -> LearntPatient:
-    """Learn from one more window. seconds: time for which the patient was followed in all stretches so far."""
+    """Return the patient after learning from one more window. seconds: time for which the patient was followed in all
+    stretches so far.
+    """
     with run.stage("body shape"):
         if learnt is None:
             return _learn_first(seconds, window, run)
@@ -344,7 +352,7 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
-        if why:  # it may be only the height that the images do not show
+        if why:  # the only contradiction may be a height that the images hardly show, so other statures are tried
             why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief
     return LearntPatient(belief, belief, seconds, kept[0].pose, window.frame, why)

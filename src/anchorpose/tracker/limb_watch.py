@@ -18,12 +18,15 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-# frames between two searches, doubled up to 16 while nothing is found; a search takes as long as tracking three frames
+# frames between two searches, doubled up to 16 while searches find nothing; a search takes as long as tracking three
+# frames
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats; if the log likelihood ratios of a limb's two halves (``named_nats``) sum to less, the descriptor assigns its
-# skin to another limb; in correctly tracked people, every sum is larger (``tools/measure_named_places.py``)
+# nats; if the log likelihood ratios of a limb's two halves (``named_nats``) sum to less than this, the descriptor
+# assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
+# (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
-MORE: Final = 1.5  # the pause between searches ends if the uncovered area has grown by this factor since the last one
+# the pause between searches ends if the uncovered area has grown by this factor since the last search
+MORE: Final = 1.5
 # m, tolerated distance of an anchor (an end of the seen surface) from the pose's hand or foot; if a bar hides the hand,
 # the arm's surface ends at wrist or elbow
 ELSEWHERE_M: Final = 0.25
@@ -31,12 +34,14 @@ LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the fi
 
 
 class LimbWatch:
-    """The watch that decides in each frame whether misplaced limbs are searched for; it pauses after vain searches."""
+    """The watch that decides in each frame whether to search for misplaced limbs; it pauses after searches without a
+    result.
+    """
 
     run: Run
     search_wait: int  # number of frames until the next search for limbs
     search_pause: int  # number of frames to wait after the next search, if that search finds nothing
-    left_uncovered_m2: float  # m2, area of visible skin that the body did not cover at the last vain search
+    left_uncovered_m2: float  # m2, area of visible skin that the body did not cover at the last search without a result
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -46,8 +51,8 @@ class LimbWatch:
     def look(
         self, body: Body, found: Registration, explanation: Explanation, predicted: PoseBelief, seen: Observation
     ) -> Search | None:
-        """Search for misplaced limbs if the frame contradicts the pose (``is_doubtful``, ``_misnamed``); return None if
-        it does not, or during a pause.
+        """Search for misplaced limbs if the frame contradicts the pose (``is_doubtful``, ``_misnamed``). Return None if
+        the frame agrees with the pose, and during a pause between searches.
 
         explanation: how well the registered pose fits the frame.
         """
@@ -62,7 +67,7 @@ class LimbWatch:
 
     def look_for_whole(self, body: Body, lost: Registration, predicted: PoseBelief, seen: Observation) -> Search | None:
         """Search for another pose after the registration failed: the body may face the opposite way, or its limbs may
-        be in other places. Return None if no search is due or it finds nothing.
+        be in other places. Return None if no search is due or if the search finds nothing.
         """
         self.search_wait -= 1
         config = self.run.config.registration

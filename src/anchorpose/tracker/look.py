@@ -25,8 +25,8 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# m, maximum distance of a twin (the real person) from the reflection of the mirror image; the camera may see the front
-# of one and the back of the other, which are this far apart
+# m, maximum distance between the twin (the real person) and the place of the mirror image after reflection; the camera
+# may see the front of one and the back of the other, which are this far apart
 TWIN_M: Final = 0.35
 # minimum number of frames in which a mirror image has a twin (the real person); without a mirror, people who pass each
 # other may look like twins in one or two frames
@@ -44,7 +44,9 @@ class Mirror:
     shown: int  # number of frames that show both a person beyond the gap and the place where the twin would be
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether both mirrors are the same gap in a wall, found twice if the wall was taken for two planes."""
+        """Return whether both mirrors are the same gap in a wall; a gap is found twice if the wall was taken for two
+        planes.
+        """
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
@@ -128,7 +130,9 @@ def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras:
 
 
 def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequence[Camera]) -> bool | None:
-    """Return whether a twin stands where the original of a mirror image would stand; None if that place is not seen."""
+    """Return whether a twin (real person) stands where the original of a mirror image would stand; None if no camera
+    sees that place.
+    """
     x, z = image.place_xz_m
     middle = wall.reflected(np.array([x, _middle(image)[1], z]))
     others = [one.place_xz_m for one in sighting.people if one is not image]
@@ -146,7 +150,9 @@ def _middle(one: SeenPerson) -> np.ndarray:
 
 
 def _seen_past(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether a camera that has most of the points (n, 3) in view reads something behind most of them."""
+    """Return whether some camera that has most of the points (n, 3) in view reads something behind most of these
+    points.
+    """
     return any(np.mean(read > own + BEFORE_M) > 0.5 for own, read in looks_at_most(points_m, depths_m, cameras))
 
 

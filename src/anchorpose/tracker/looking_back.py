@@ -1,10 +1,11 @@
 """Track backward, against the direction of the pass, from a frame in which a limb or the patient was found again.
 
 If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
-the patient is tracked back from that frame, until both directions agree, or until tracking back shows no more of the
-body than the pass did. Each frame is then taken from the direction that has more joints at places where cameras see the
-body. But if cameras see the trunks of both directions in one frame at different places, they are two people. The pass
-has followed the patient from the initial frame, so the person who was found again is another, and no frame is replaced.
+the patient is tracked back from the frame in which the limb or patient was found again, until both directions agree, or
+until tracking back shows no more of the body than the pass did. Each frame is then taken from the direction that has
+more joints at places where cameras see the body. But if cameras see the trunks of both directions in one frame at
+different places, they are two people. The pass has followed the patient from the initial frame, so the person who was
+found again is not the patient, and no frame is replaced.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, c
 from anchorpose.tracker.start import turn_round
 
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
-# tracking back stops after so many successive frames in which it shows no more of the body than the pass did
+# tracking back stops after this many successive frames in which it shows no more of the body than the pass did
 IN_VAIN: Final = 10
 ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb was found again
 TRUNK: Final = JOINT_INDEX["SpineMid"]
@@ -36,7 +37,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """A frame of a pass."""
+    """A frame that a pass has tracked."""
 
     position: int  # position of the frame in the recording
     result: PassResult | None  # the result of the pass; None if no body is learnt
@@ -59,7 +60,9 @@ class Waiting:
         run: Run,
         keep: Callable[[Estimate], Kept],
     ) -> None:
-        """Add the next frame; if a limb or the patient is found again in it, track back from it (``look_back``)."""
+        """Add the next frame; if a limb or the patient is found again in this frame, track back from it
+        (``look_back``).
+        """
         self.wait -= 1
         if self.wait < 0 and self.frames and _is_found_again(estimate, passed.result, self.frames[-1].result):
             seen = look_back(estimate, self.frames, frame, run, keep)
@@ -91,15 +94,15 @@ def look_back(
     run: Run,
     keep: Callable[[Estimate], Kept],
 ) -> list[Passed]:
-    """Return the frames ``before`` the frame in which the patient or a limb was ``found`` again, in order. Some of them
-    are replaced by frames that were tracked back.
+    """Return the frames ``before`` the frame in which the patient or a limb was ``found`` again, in order. Some of the
+    returned frames are replaced by frames that were tracked back.
 
     frame: function that reads the frame at a position; keep: function that returns the values to store for an estimate.
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
     last = before[-1].result
-    was_lost = last is not None and last.pose is None  # else a limb was found again
+    was_lost = last is not None and last.pose is None  # if False, a limb was found again
     if not again or (was_lost and _are_two_people(before, again)):
         return list(before)
     first = len(before) - len(again)
@@ -112,8 +115,9 @@ def look_back(
 
 
 def _are_two_people(before: Sequence[Passed], again: Sequence[Passed]) -> bool:
-    """Return whether cameras see the trunks of both directions in one frame, but at different places in most of these
-    frames. before, again: the frames of the pass and those tracked back; the last ones are the same frames.
+    """Return whether the pass and tracking back follow two people: in most frames in which cameras see the trunks of
+    both, the two trunks are at different places. before, again: the frames of the pass and those tracked back; the last
+    frames of both are the same.
     """
     apart_m = [
         float(np.linalg.norm(there.joints_m[TRUNK] - back.joints_m[TRUNK]))

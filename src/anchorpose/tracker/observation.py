@@ -23,15 +23,15 @@ from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
 # a node's distances to anchors are left out if a hole in the surface lengthens them, but only if at least this many
-# others remain; three distances identify a node (paper, Section IV-D), and four allow four choices of three
+# other distances remain; three distances identify a node (paper, Section IV-D), and four allow four choices of three
 LEAST_TRUSTED = 4
 # number of frames between two checks by the learnt descriptor; a check takes a third of the time for tracking a frame
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the learnt descriptor checks this frame: whether it assigns skin to the same limbs as the pose,
-    and whether it finds several people in the patient's pixels. The choice depends only on the number of the frame.
+    """Return whether the learnt descriptor checks this frame, which depends only on the frame's number. A check
+    compares the limbs to which descriptor and pose assign skin, and searches the patient's pixels for several people.
     """
     return frame % DESCRIBED_EVERY == 0
 
@@ -47,7 +47,9 @@ class Expectation:
     unfitted_s: float  # s, time since the body was last fitted
 
     def apart_m(self, other: Expectation) -> float:
-        """Return the 90th percentile over all skin points of the distance between a point's two expected places."""
+        """Return the distance (m) between the expected places of a skin point: the 90th percentile over all skin
+        points.
+        """
         return float(np.quantile(np.linalg.norm(self.skin.points_m - other.skin.points_m, axis=1), 0.9))
 
     def moved(self, step: np.ndarray) -> Expectation:
@@ -72,7 +74,8 @@ class SeenSurface:
 
     whole: Surface  # the seen surface, and hidden skin that is inferred
     seen: Surface  # only the seen part of the surface
-    border: np.ndarray  # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near it, and at what
+    # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near the node, and what it ends at
+    border: np.ndarray
     evidence: Evidence  # the data to which the body is registered, including the seen surface
 
 
@@ -118,7 +121,8 @@ class Observation:
     whole: Surface  # seen skin and inferred hidden skin
     anchors: Anchors
     distances: AnchorDistances
-    border: np.ndarray  # (n,) uint8 of ``Border``, per seen node: whether the surface ends near it, and at what
+    # (n,) uint8 of ``Border``, per seen node: whether the surface ends near the node, and what it ends at
+    border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
     bystanders: Bystanders

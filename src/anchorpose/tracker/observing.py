@@ -53,7 +53,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-LOOSEST_SKIN_M = 0.05  # m, half a limb's width; skin with a larger sigma does not decide which pixels show the patient
+# m, half a limb's width; predicted skin with a larger sigma is not used to decide which pixels show the patient
+LOOSEST_SKIN_M = 0.05
 UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
 
@@ -100,8 +101,8 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Return the bystanders without those whose body overlaps the patient's expected place (3,): such a body was fitted
-    to the patient's surface by mistake.
+    """Return the bystanders, except any whose body overlaps the patient's expected place (3,): that body was fitted to
+    the patient's surface by mistake.
     """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
@@ -116,7 +117,9 @@ def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> By
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """Return the step (3,) from the patient's expected place to the place in ``memory``; zero if both agree."""
+    """Return the step (3,) from the patient's expected place to the place where ``memory`` has the patient; zero if
+    both agree.
+    """
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
         return np.zeros(3)
@@ -129,9 +132,9 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[
     """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
     predicted skin of limbs that have been hidden for long.
 
-    Such a limb is left out of the likelihood, since otherwise any surface near its predicted place would be taken for
-    it. When it reappears, its connection to the patient's surface shows that it is the patient's. If it appears as a
-    separate piece, the place of the whole piece decides (``label_hidden_limbs``).
+    A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
+    place would be taken for this limb. When the limb reappears, its connection to the patient's surface shows that it
+    is the patient's. If it appears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
     spread = config.skin_sigma_m + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
@@ -183,8 +186,8 @@ def _isolated(
 def observe(
     frame_set: FrameSet, isolated: Isolated, expected: Expectation | None, height_m: float, run: Run
 ) -> Observation:
-    """Compute surface and anchors of a frame whose people are labelled. height_m: the patient's height, with which the
-    distances between anchors scale.
+    """Compute the patient's surface and anchors in a frame whose people are labelled. height_m: the patient's height,
+    with which the distances between anchors scale.
     """
     surface = see_surface(isolated, expected, run)
     anchors = see_anchors(surface, expected, height_m, run)
@@ -270,7 +273,7 @@ class Window:
         self.frames.append(frame_set)
 
     def see(self, seen: Observation) -> None:
-        """Add an observation: that of the window's first frame that has none yet."""
+        """Add the observation of the first frame of the window that has no observation yet."""
         self._matchers.append(None)
         self.seen.append(seen)
 
@@ -281,7 +284,7 @@ class Window:
             self._matchers[number] = None
 
     def move_on(self) -> None:
-        """Drop the first frame, since the second frame is registered now."""
+        """Drop the window's first frame, since its second frame is registered now."""
         for held in (self.frames, self.seen, self._matchers):
             held.popleft()
 
@@ -298,7 +301,9 @@ class Window:
         return found
 
     def global_hypothesis(self, body: Body, pose: Pose, predicted: Sequence[Pose]) -> GlobalHypothesis:
-        """Search the track tree over all observed frames. pose: in the first frame; predicted: in all later frames."""
+        """Search the track tree over all observed frames. pose: the pose in the first frame; predicted: the predicted
+        poses in all later frames.
+        """
         config = self.run.config
         return global_hypothesis(
             body, pose, predicted, list(self.seen), self.matchers(), config.follow.tree_nodes, config.tree

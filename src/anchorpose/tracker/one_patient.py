@@ -18,7 +18,8 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.tracker.sighting import see_people_apart
 
-# m; a pixel farther than this from the predicted skin lies off it; an arm moves at most this far between two frames
+# m; a pixel farther than this from the predicted skin counts as off the skin; an arm moves at most this far between two
+# frames
 OFF_SKIN_M: Final = 0.2
 # a person of small surface with at least this share of its pixels on the patient's predicted skin is only a part of the
 # patient, which the descriptor took for a person
@@ -36,13 +37,13 @@ def one_patient(
 ) -> tuple[View | None, ...]:
     """Return the views after separating other people whose pixels have the patient's label.
 
-    These people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
+    Other people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
     searched for whenever a check is ``due``, since the predicted skin does not help if the body was fitted to another
     person by mistake. If the descriptor takes one person for two, fitted rough bodies show the error
     (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
-    shows enough surface gets a new label. A person of smaller surface gets one only if many of the patient's pixels,
-    and most of this person's, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without uncertain
-    points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
+    shows enough surface gets a new label. A person of smaller surface gets a new label only if many of the patient's
+    pixels, and most of this person's, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without
+    uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -74,9 +75,9 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
-    """Return (k,) bool: people who may not be the patient. These are all people with enough
-    surface for a whole person, if there are at least two such people. If many pixels lie off the patient's predicted
-    skin (``moved``), people who lie mostly off it are included, too.
+    """Return (k,) bool: people who may not be the patient. These are all people with enough surface for a whole person,
+    if at least two have so much. If many pixels lie off the patient's predicted skin (``moved``), people whose pixels
+    lie mostly off this skin are included, too.
     """
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
     large &= large.sum() > 1

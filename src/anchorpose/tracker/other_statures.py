@@ -1,7 +1,9 @@
-"""Try taller and shorter bodies on the frames from which the body was learnt, and include them in what is believed.
+"""Fit taller and shorter bodies to the frames from which the body was learnt, and include them in the belief in the
+shape.
 
-Gauss-Newton steps end in the minimum nearest to their start, and the covariance there does not include other minima.
-The feet are often cut off or inside wide trousers. Bodies 10 % taller or shorter then explain the images equally well.
+Gauss-Newton steps end in the minimum nearest to their start, and the covariance at this minimum does not include
+others. The feet are often cut off or inside wide trousers. Bodies 10 % taller or shorter then explain the images
+equally well.
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ from anchorpose.recording.recording import Subject
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.prior_shape import TRIED_SIGMA_M, shape_cost
 
-# factors on the learnt stature from which learning starts again; one person's learnt statures differed by up to 9 %
-# between twelve sequences of MSR Action3D
+# factors on the learnt stature; learning starts again from each of these statures. One person's learnt statures
+# differed by up to 9 % between twelve sequences of MSR Action3D
 OTHERS: Final = (0.92, 1.0 / 0.92)
 
 
@@ -38,9 +40,10 @@ class PosedFrame(NamedTuple):
 
 
 def frames_nats(shape: FittedShape, frames: Sequence[PosedFrame], config: TrackConfig) -> float:
-    """Return the mean log probability, in nats, of some frames, given a shape that is registered to each.
+    """Return the mean log probability, in nats, of some frames, given a body of this shape that is registered to each
+    frame.
 
-    It is the mean, not the sum, since errors of the shape affect all frames alike.
+    The log probabilities are averaged, not summed, since errors of the shape affect all frames alike.
     """
     body, nats = build_body(body_points(), shape), list[float]()
     for pose, evidence in frames:
@@ -54,10 +57,10 @@ def with_other_statures(
 ) -> ShapeBelief:
     """Return the belief with the same shape and a covariance that includes other statures.
 
-    Each other stature is weighted by its odds: the log probability of its shape and of these frames (the mean over the
-    frames) against those of the learnt shape, reduced by ``believed``, since clothes cause errors of both. known: the
-    belief before any frame; subject: what the user stated. Half as many frames are used as for learning, those whose
-    poses differ most.
+    Each other stature is weighted by its odds. The log odds are the log probability of its shape and of the frames (the
+    mean over the frames), minus the same for the learnt shape; ``believed`` reduces them, since clothes cause errors of
+    both. known: the belief before any frame; subject: what the user stated. Half as many frames are used as for
+    learning, those whose poses differ most.
     """
     chosen = most_different(body_points(), [frame.pose for frame in frames], config.learning.frame_count // 2)
     some = [frames[number] for number in chosen]
@@ -70,7 +73,9 @@ def with_other_statures(
 def _learnt_at(
     factor: float, shape: FittedShape, known: ShapeBelief, frames: Sequence[PosedFrame], config: TrackConfig
 ) -> FittedShape:
-    """Return the shape that is learnt from some frames if learning begins at another stature."""
+    """Return the shape that is learnt from some frames if learning begins at another stature: ``factor`` times that of
+    ``shape``.
+    """
     points = body_points()
     asset, count = points.asset, points.asset.common_count
     height_m, _ = standing_height(asset, shape)

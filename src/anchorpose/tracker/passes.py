@@ -42,7 +42,8 @@ BLOCK: Final = 48
 50 MB.
 """
 
-STRETCHES: Final = 3  # maximum number of parts of the recording to learn from; each costs a search for a first pose
+# maximum number of parts of the recording to learn from; each part costs a search for a first pose
+STRETCHES: Final = 3
 # s, minimum time between the initial frames of two stretches; patients often just keep sitting or standing for a
 # minute, so a nearer frame shows little new
 STRETCHES_APART_S: Final = 60.0
@@ -64,13 +65,13 @@ class Route:
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """Return one frame, without depth images that show a place other than the learnt room of their camera."""
+        """Return one frame, without the depth images of cameras that show another place than their learnt room."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two more
-        begin at the frames that show the patient best among those over a minute away from this frame and from each
-        other. A body part that is hidden in one stretch may be in view in another.
+        """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two
+        further stretches begin at the frames that show the patient best, among frames that are over a minute away from
+        the initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -165,7 +166,7 @@ class _Passes:
         if both:
             self.side("backward", self.route.backward)
         self.side("forward", self.route.forward)
-        if both:  # the backward side's initial frame is left out, since the forward side has it, too
+        if both:  # the initial frame of the backward side is left out, since the forward side has this frame, too
             yield from islice(self.stored("backward", backward=True), len(self.route.backward) - 1)
         yield from self.stored("forward")
 
@@ -290,14 +291,16 @@ class _Passes:
             yield from follower.finish()
 
     def _first_follower(self) -> Follower:
-        """Return the follower of a pass from the initial frame, where both sides begin with the same start."""
+        """Return the follower of a pass from the initial frame; both sides (earlier and later frames) begin with the
+        same start.
+        """
         initial = self.run.room.initial_frame
         start = self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
         return Follower(self.run, None if initial is None else initial.choice, self._shape, start)
 
     def _follower_back(self, turned: Start | Search | None) -> Follower:
-        """Return the follower of a pass back. A patient who is lost where it begins is searched for as after any loss,
-        so that nobody else is taken for the patient.
+        """Return the follower of a pass back. A patient who is lost where the pass back begins is searched for as after
+        any loss, so that nobody else is taken for the patient.
         """
         if isinstance(turned, Start):
             return Follower(self.run, None, self._shape, turned)

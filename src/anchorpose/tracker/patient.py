@@ -47,7 +47,9 @@ SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The tracker of one patient. Its window holds the last registered frame and up to ``look_ahead`` later frames."""
+    """The tracker of one patient. The tracker's window holds the last registered frame and up to ``look_ahead`` later
+    frames.
+    """
 
     run: Run
     config: TrackConfig
@@ -130,7 +132,9 @@ class PatientTracker:
 
     @property
     def has_left(self) -> bool:
-        """Return whether the patient leaves or has left the images; if so, a newcomer may be another person."""
+        """Return whether the patient leaves or has left the images; if so, a person who appears later may not be the
+        patient.
+        """
         views = self.window[0].evidence.views
         gone = not self._in_view and not any(view.patient.any() for view in views if view is not None)
         return gone or seen_as_strip(views, self.run.room.cameras)
@@ -187,7 +191,9 @@ class PatientTracker:
         return estimate
 
     def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
-        """Return (PARTS, 2) seconds since each half of a limb was last seen, inf if never; note the halves seen now."""
+        """Return (PARTS, 2) seconds since each half of a limb was last seen, inf if never; record which halves are seen
+        now.
+        """
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
@@ -217,7 +223,7 @@ class PatientTracker:
         """Observe the window's frames 1 to ``last``, and return their predicted poses.
 
         Frame 1, the frame after the last one registered, may have been observed already as part of an earlier
-        look-ahead. It is observed again if the patient is now expected in another place.
+        look-ahead. Frame 1 is observed again if the patient is now expected in another place.
         """
         if len(self.window.seen) > 1:
             expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
@@ -261,7 +267,9 @@ class PatientTracker:
         )
 
     def _move_on(self, registration: Registration, elapsed_s: float) -> Observation:
-        """Make the second frame of the window the first, with the registered pose; return it."""
+        """Make the second frame of the window the first, with the registered pose; return the observation of this
+        frame.
+        """
         following = self.window[1]
         self.last = self.last.after(following, registration.belief if registration.found else None, elapsed_s)
         self.belief, self.ahead = self._corrected(registration.belief, following), []
@@ -273,8 +281,8 @@ class PatientTracker:
         """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
 
         If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
-        corrections then get more weight, and the past movement is not used to predict the next poses. Corrections that
-        the body cannot reach are ignored.
+        corrections then get more weight, and poses before this frame are not used to predict the next poses.
+        Corrections that the body cannot reach are ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -296,7 +304,7 @@ class PatientTracker:
 
     def _register(self, poses: list[Pose], elapsed_s: float) -> tuple[Registration, GlobalHypothesis | None]:
         """Register the body to the second frame of the window, or keep the predicted pose if the patient is not seen.
-        Also return the track tree's best branches, None if they were not searched.
+        Also return the track tree's best branches; None if the track tree was not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
         if not len(self.window[1].surface):
@@ -321,8 +329,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            # if a rival (another pose that fits almost as well) replaced the pose, the rival's own pose is expected
-            # instead of the predicted pose
+            # if a rival (another pose that fits almost as well) replaced the best pose, the rival's own pose takes the
+            # place of the predicted pose
             expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:

@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
 The patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not turn the
-back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each of
-them adds to a person's votes, and the person with most votes is the patient.
+back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each sign
+adds to a person's votes, and the person with most votes is the patient.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 # m; a person this close to a known person's usual place is the same person, who may have stepped or stood up
 STAYS_M: Final = 0.40
-# m; people whose usual places are closer together are the same person; half of the minimum distance between the
-# pelvises of two people
+# m; two people whose usual places are closer together than this are one person; half of the minimum distance between
+# the pelvises of two people
 SAME_M: Final = 0.15
 # minimum share of a person's nodes that must lie near the rough body; people have at least 0.68, objects up to 0.70
 # (``MOST_PAST`` rejects these)
@@ -37,10 +37,10 @@ FACES: Final = 0.7  # minimum cosine between a helper's heading and the directio
 ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); users aim cameras by eye
 OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 votes (0.7); patients may lean out
 SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
-# added to the number of frames in which the person is missing, so that a person seen only once gets few votes: the body
-# of such a person may have been fitted to an arm
+# this number is added to the count of frames in which a person is missing, so that a person seen only once gets few
+# votes: the body of such a person may have been fitted to an arm
 CHANCE: Final = 2
-# m below the top of the head; the trunk of a standing or sitting person is at all these seven heights
+# seven heights, in m below the top of the head; the trunk of a standing or sitting person is at all of them
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
 BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk shows something in front of the person
 STEP_M: Final = 0.4  # m, maximum movement of a person from frame to frame: 2 m/s at 5 frames per second
@@ -96,10 +96,11 @@ def choose_patient(
 
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
-    """Return as the patient, followed from frame to frame, the person who stands at a place in sighting number
-    ``first``; None if nobody is near.
+    """Take the person who stands at a place in the sighting number ``first`` for the patient, and follow this person
+    from frame to frame; return None if nobody is near the place.
 
-    sightings: sightings of successive frames. In each frame, the person nearest to the previous place is taken.
+    sightings: sightings of successive frames. In each later frame, the person nearest to the patient's previous place
+    is taken for the patient.
     """
     seen: list[SeenPerson | None] = [None] * len(sightings)
     for way in (range(first, len(sightings)), range(first, -1, -1)):
@@ -119,14 +120,16 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all seen people with their votes; if some of them are human (``_is_human``), only these."""
+    """Return all seen people with their votes; if some of them pass the test ``_is_human``, return only those."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return each person as seen in every sighting (None: unseen); people near one usual place are one person."""
+    """Return, for each person, how they are seen in every sighting (None: not seen); people near one usual place are
+    one person.
+    """
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
         people = sighting.people
@@ -166,7 +169,7 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether most of the person lies near the fitted rough body, and cameras do not see past its trunk.
+    """Return whether most of the person lies near the fitted rough body, and cameras do not see past the body's trunk.
 
     In each sighting, a share of the person lies near the body. The upper quartile of these shares decides, since a
     patient behind a pad and a therapist is hardly seen before standing up.
@@ -224,7 +227,7 @@ def _times_gone(seen: Sequence[SeenPerson | None], sightings: Sequence[Sighting]
 
 
 def _is_hidden(points_m: np.ndarray, depths_m: Sequence[np.ndarray | None], cameras: Sequence[Camera]) -> bool:
-    """Return whether an object hides most of the points (n, 3) in every camera that has most of them in view."""
+    """Return whether an object hides most of the points (n, 3) in every camera that has most of the points in view."""
     hidden = [
         bool(np.mean((read > 0) & (read < own - BEFORE_M)) > 0.5)
         for own, read in looks_at_most(points_m, depths_m, cameras)
@@ -246,7 +249,7 @@ def looks_at_most(
 
 
 def _faced_by(one: SeenPerson, sighting: Sighting) -> int:
-    """Count the people within ``HELP_M`` who face a person."""
+    """Count the people within ``HELP_M`` of a person who face this person."""
     count = 0
     for other in sighting.people:
         if other is one or other.body is None:
@@ -275,7 +278,7 @@ def _aside_m(place_xz_m: np.ndarray, cameras: Sequence[Camera]) -> float:
 
 
 def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
-    """Return how far (m) a place lies outside the equipment's outline on the ground; 0 inside the outline."""
+    """Return how far (m) a place on the ground lies outside the outline of the equipment; 0 inside the outline."""
     outline = cv2.convexHull(equipment.triangles()[0][:, [0, 2]].astype(np.float32))
     x, z = place_xz_m
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
@@ -303,7 +306,7 @@ def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
 
 
 def _reason(patient: Candidate, sightings: Sequence[Sighting]) -> str:
-    """Return why this person was chosen, as the end of a sentence that begins with "who"."""
+    """Return why this person was chosen as the patient, as the end of a sentence that begins with "who"."""
     count = sum(one is not None for one in patient.seen)
     parts = ["stands within the equipment"] if patient.within else []
     parts.append(f"was seen in place in {count} of {len(sightings)} frames")

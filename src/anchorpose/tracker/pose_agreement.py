@@ -1,9 +1,9 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
 other shows.
 
-A surface may be hidden by objects in front of it, but only a wrong pose lets a camera read something behind it. The
-room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. People also reveal
-a pose that is shifted along these surfaces, since the cameras see free space beside people.
+A surface may be hidden by objects in front of it, but only a wrong camera pose lets a camera read something behind the
+surface. The room's surfaces reveal a camera pose that is too near to these surfaces, too far from them, too high or
+tilted. People also reveal a pose that is shifted along these surfaces, since the cameras see free space beside people.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
-# limits of the share of the common room surface at which one camera reads something farther away by more than AWAY_M:
-# above the first, a note is written; above the second, the recording is refused
+# two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
+# farther away): above the first limit, a note is written; above the second, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40  # the same two limits (note, refusal) for the surface of people
-# limit of the share of the room seen past, above which the recording is refused if the share of people is unknown, for
-# example because a camera blurs depth edges; higher than MUCH_OF_ROOM, since people cannot confirm the contradiction
+# two limits, like those of the room (for a note and a refusal), for the share of the people's surface that is seen past
+SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
+# limit of the share of the room that is seen past; above it, the recording is refused if the share of people is
+# unknown, for example because a camera blurs depth edges; higher than MUCH_OF_ROOM, since people cannot confirm the
+# contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
@@ -46,7 +48,8 @@ REFUTED_M: Final = 0.15
 
 @dataclass(frozen=True, slots=True)
 class SeenPast:
-    """The shares of one camera's surfaces that another camera sees past (it reads something farther away).
+    """The shares of one camera's surfaces that another camera sees past (the other camera reads something farther away
+    there).
 
     Each camera's surfaces are compared with the readings of the other camera; the larger of the two shares counts. A
     share is NaN if both cameras see too little of the same surface.
@@ -54,7 +57,8 @@ class SeenPast:
 
     cameras: tuple[str, str]
     of_room: float  # 0 to 1, share of one camera's room that the other camera sees past
-    # 0 to 1, the same for the surface of people; NaN also if a camera blurs depth edges, and so people's outlines
+    # 0 to 1, share of the people's surface that the other camera sees past; NaN also if a camera blurs depth edges, and
+    # so people's outlines
     of_people: float
 
     @property
@@ -79,7 +83,7 @@ class CameraPair:
 
     @property
     def apart(self) -> str:
-        """Return the displacement as a text for users; empty if it is unknown."""
+        """Return the displacement between both cameras' surfaces as a text for users; empty if it is unknown."""
         if self.by is None:
             return ""
         turn = "" if self.by.turn_rad is None else f" and {np.degrees(self.by.turn_rad):.1f} degrees"
@@ -118,9 +122,9 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
 
-    If the common surfaces determine a displacement, it decides; otherwise the shares of surface seen past
-    (``SeenPast``) decide. Of these shares, only that of the room can refute a pose if the clocks are unknown: the
-    cameras may show people at different times.
+    If the common surfaces determine a displacement, the displacement decides; otherwise the shares of surface seen past
+    (``SeenPast``) decide. If the clocks are unknown, only the share of the room can refute a pose, since the cameras
+    may show people at different times.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -133,7 +137,8 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
     refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
-    sentence = f"cameras {names} {past.measured}"  # a share states no distance: off_m is NaN, and sigma stays the same
+    # a share of surface seen past does not state a distance, so off_m is NaN and sigma is not increased
+    sentence = f"cameras {names} {past.measured}"
     return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
@@ -153,7 +158,9 @@ def _largest(shares: Sequence[float]) -> float:
 
 
 def _share(counts: Sequence[tuple[int, int]]) -> float:
-    """Return the share of points seen past; counts: results of ``_past``. NaN if too few points can be compared."""
+    """Return the share of points that a camera sees past; NaN if too few points can be compared. counts: results of
+    ``_past``.
+    """
     past, known = np.sum(counts, axis=0) if counts else (0, 0)
     return float(past / known) if known >= LEAST_SHARED else float("nan")
 
@@ -174,8 +181,8 @@ def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, 
     """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
     points can be compared. depth_m (height, width): that camera's depth image.
 
-    A point in view can be compared if the camera has a reading there and nothing hides the point. It is compared with
-    the reading nearest to the camera among the pixels at most ``AWAY_M`` beside it.
+    A point in view can be compared if the camera has a reading there and nothing hides the point. The point is compared
+    with the nearest (smallest) reading among the pixels within ``AWAY_M`` of it.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

@@ -34,11 +34,11 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-# factor on the number of samples if there is no image of the empty room: the room is then put together from samples in
-# which people hide different parts of it
+# factor on the number of samples if the recording has no image of the empty room: the room is then put together from
+# samples in which people hide different parts of the room
 BLIND_SAMPLES = 3
-# number of frames examined before, and again after, the frame in which the user gave the patient's place: so few that a
-# person walks only half a step meanwhile
+# number of frames examined before the frame in which the user gave the patient's place, and also after it: so few that
+# a person walks only half a step meanwhile
 AROUND: Final = 6
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
@@ -113,7 +113,7 @@ def calibrate(
     that the patient faces; a body is fitted to the patient to find this side.
 
     The place that the user gave for the patient is not used here: it refers to the world frame of an earlier run, and
-    must not change it.
+    must not change that world frame.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -121,7 +121,8 @@ def calibrate(
         records = tuple(PoseRecord(camera.name, PoseSource.EQUIPMENT) for camera in cameras)
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
-        timeless = Clocks((), None, 0)  # clocks are not needed, since each sample already has the frames of all cameras
+        # clocks are not needed, since each sample already has the frames of all cameras
+        timeless = Clocks((), None, 0)
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
         return heading_of_patient(furnish_room(settled, anybody, NO_REVIEW), samples, headings, config)
 
@@ -167,7 +168,7 @@ def look_for_patient(
     samples = settled.samples
     usable = [k for k, frame_set in enumerate(samples) if review.why_unusable(frame_set.frame) is None]
     usable = usable or list(range(len(samples)))
-    # fewer samples are needed to find the patient than to learn the empty room
+    # only some of the samples are used, since fewer are needed to find the patient than to learn the empty room
     usable = [usable[k] for k in thin(len(usable), config.follow.samples)]
     positions = [settled.chosen[k] for k in usable]
     frames = [without_other_places(samples[k], scenes) for k in usable]
@@ -180,7 +181,8 @@ def _frames_of_named(
     """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
     before and after it.
 
-    The result is empty if nobody stands there in this frame. Raises InputError if the recording has no such frame.
+    The result is empty if nobody stands at the given place in this frame. Raises InputError if the recording has no
+    frame ``frame``.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
     positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
@@ -201,7 +203,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a given place at which nobody is; it states where people are in this frame."""
+    """Return the error for a patient's place at which nobody is; the error states where people are in this frame."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"

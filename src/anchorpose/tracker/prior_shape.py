@@ -1,4 +1,6 @@
-"""Collect what is known of the patient's body shape: stature by age and sex, user's statements, bodies to try first."""
+"""Collect the prior knowledge of the patient's body shape: stature by age and sex, the user's statements, bodies to try
+first.
+"""
 
 from __future__ import annotations
 
@@ -107,8 +109,8 @@ def ordinary_height_m(recording: Recording) -> float:
 
 
 def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, ...]:
-    """Return the prior beliefs in the patient's shape: an adult's first and, unless the patient is known to be grown, a
-    child's.
+    """Return the prior beliefs in the patient's shape: first an adult's, then a child's unless the patient is known to
+    be an adult.
 
     A measured height is included as an observation. Without it, the height follows from age and sex if they are stated.
     """
@@ -137,10 +139,10 @@ def shape_cost(shape: FittedShape, subject: Subject, config: TrackConfig) -> flo
 
 
 def shapes_to_try(stature_m: float, subject: Subject, config: TrackConfig) -> FirstShape:
-    """Return the bodies to try first. They have the stated stature, or without one the visible stature, and agree with
-    the other statements about the patient.
+    """Return the bodies to try first. These bodies have the stated stature or, if none is stated, the visible stature,
+    and agree with the other statements about the patient.
 
-    A child's body is included only if a child may be this tall, or if the stated age is a child's.
+    A child's body is included only if a child may have this stature, or if the stated age is a child's.
     """
     asset, tried = body_points().asset, list[ShapeBelief]()
     heights_m = [share * stature_m for share in TALLER] if subject.height_m is None else [subject.height_m]
@@ -177,6 +179,8 @@ def contradiction(subject: Subject, seen: ShapeBelief, config: TrackConfig) -> s
 
 
 def is_human(shape: FittedShape) -> bool:
-    """Return whether a person may be as tall as this shape; if not, it was probably fitted to a part of a person."""
+    """Return whether a person may be as tall as this shape; if not, the shape was probably fitted to a part of a
+    person.
+    """
     shortest, tallest = STATURES_M
     return shortest < standing_height(body_points().asset, shape)[0] < tallest

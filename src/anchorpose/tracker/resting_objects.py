@@ -27,12 +27,12 @@ from anchorpose.recording.recording import FrameSet
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
-# two minimum shares: of the connected foreground that contains an object, the share at rest; of the object's pixels,
-# the share that came to rest only after the first samples
+# minimum of two shares: the share at rest of the connected foreground that contains an object, and the share of the
+# object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # a sample is used if it shows this percentage of an object's pixels; people may hide the others
-# percentile of the share at rest over the sampled frames (``_whole_share``): it is enough if nobody touches the object
-# in a third of the frames
+# percentile of the share at rest over the sampled frames (``_whole_share``); with this percentile, it is enough if
+# nobody touches the object in a third of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
@@ -40,8 +40,8 @@ RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the o
 class Recorded(NamedTuple):
     """Sampled frames of one camera, in order."""
 
-    frames_m: np.ndarray  # (n, height, width) float32
-    time_s: np.ndarray  # (n,)
+    frames_m: np.ndarray  # (n, height, width) float32 m, depth images
+    time_s: np.ndarray  # (n,) s, time of each sampled frame
     nearer: np.ndarray  # (n, height, width) bool, the pixels of the foreground
 
     def reversed(self) -> Recorded:
@@ -62,8 +62,9 @@ class RestingObject:
 class _Still:
     """For each pixel, the surface that stays at rest until the last of n sampled frames."""
 
-    depth_m: np.ndarray  # (height, width) float32 m, depth of the surface at rest; 0 where there is none
-    since: np.ndarray  # (height, width) int, first sample that reads this surface; no later sample reads farther
+    depth_m: np.ndarray  # (height, width) float32 m, depth of the surface at rest; 0 at pixels without such a surface
+    # (height, width) int, first sample that reads this surface; no later sample reads anything behind it
+    since: np.ndarray
     agrees: np.ndarray  # (n, height, width) bool, whether a sample from ``since`` on reads the surface
 
 
@@ -108,7 +109,9 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """Return the surface that is at rest until the last sample, from the farthest readings of the last second."""
+    """Return, for each pixel, the surface that is at rest until the last sample; it is found by the farthest readings
+    of the last second.
+    """
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
     far = last.max(axis=0)
@@ -125,8 +128,8 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """Return the numbers (k,) of the samples that show enough of a piece at rest, without the first ``SETTLING``
-    samples; an empty array if there are too few.
+    """Return the numbers (k,) of the samples that show enough of a piece at rest, without the first ``SETTLING`` of
+    these samples; an empty array if too few samples show it.
     """
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
@@ -138,8 +141,8 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
-    """Return how much of the connected foreground that contains a piece is at rest, 0 to 1: the percentile ``OFTEN``
-    over the sampled frames.
+    """Return the share at rest, 0 to 1, of the connected foreground that contains a piece: the percentile ``OFTEN`` of
+    this share over the sampled frames.
     """
     shares = []
     for k in samples:
@@ -154,7 +157,7 @@ def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
     """Make the ``RestingLayer`` of an object (``piece``) and its rim; it begins at the first of ``samples``. The
-    standard deviation of its readings is measured; it is assumed to grow with the square of the depth.
+    standard deviation of the object's readings is measured; it is assumed to grow with the square of the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)

@@ -38,10 +38,10 @@ class InitialFrame:
 
     frame: int  # position of the frame in the recording
     choice: PatientChoice  # where the patient stands in this frame, and why this person was chosen
-    score: float  # 0 to 1; it is high if much of the patient is seen and other people are far from the patient
+    score: float  # 0 to 1; high if much of the patient is seen and other people are far from the patient
     whole: float  # 0 to 1, the patient's visible area relative to its median over all frames with the patient
     alone: bool  # whether the patient is the only person in the frame
-    crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None once they are no longer needed
+    crowd: Crowd | None = field(default=None, repr=False)  # the people seen; None after they were used
     start: Start | None = field(default=None, repr=False)  # the patient as found here; None before a body is fitted
 
 
@@ -56,7 +56,7 @@ class Room:
     # best first; empty if nobody was seen in the sampled frames or nobody is to be tracked
     initial_frames: tuple[InitialFrame, ...]
     review: Review  # a reviewer's corrections of earlier results
-    why_nobody: str = NOBODY_SEEN  # why all joints are lost if there is no initial frame
+    why_nobody: str = NOBODY_SEEN  # the reason why all joints are lost if no initial frame was found
     notes: tuple[str, ...] = ()  # sentences for the user about mirrors and about gaps in walls
 
     @property
@@ -140,7 +140,9 @@ def require_frames(path: Path, corrections: Corrections, recording: Recording) -
 
 
 def _moments(corrections: Corrections) -> Iterator[tuple[int, float, str]]:
-    """Yield the frame of each entry, the time stated for the frame, and words that describe the entry."""
+    """Yield, for each entry of the corrections, its frame, the time stated for this frame, and words that describe the
+    entry.
+    """
     for joint in corrections.joints:
         yield joint.frame, joint.time_s, "corrects joints of"
     if corrections.patient is not None:
@@ -170,7 +172,9 @@ class Run:
     shape: ShapeBelief | None = None  # belief in the patient's shape; None before learning, or if it is not learnt
 
     def without_patient(self, why: str) -> Run:
-        """Return the run without a patient, because the person who was found is not to be tracked. why: the reason."""
+        """Return the run without a patient, because the person who was found is not to be tracked. why: the reason for
+        this.
+        """
         return replace(self, room=replace(self.room, initial_frames=(), why_nobody=why))
 
     def with_learnt(self, belief: ShapeBelief) -> Run:
@@ -178,5 +182,5 @@ class Run:
         return replace(self, shape=belief if self.config.learning.own_shape else None)
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Add the time spent in the enclosed block to the stage of this name."""
+        """Add the time spent in the enclosed ``with`` block to the stage of this name."""
         return self.stopwatch.stage(name)

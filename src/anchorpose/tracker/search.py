@@ -1,4 +1,4 @@
-"""Search for a lost patient. A person who was seen together with the patient before is not taken for the patient."""
+"""Search for a lost patient. A person who was seen together with the patient earlier is not taken for the patient."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the i
 # m, width of half a trunk or a head; a patient who is seen less wide than this at the image border is leaving
 STRIP_M: Final = 0.15
 BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
-CUT: Final = 0.5  # a border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
+# an image border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
+CUT: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +41,14 @@ class LastSeen:
     seen: Observation  # the last frame that shows the patient
     belief: PoseBelief  # the patient's pose in that frame
     met: frozenset[int] = frozenset()  # labels of all people who were followed together with the patient
-    places: dict[int, np.ndarray] = field(default_factory=dict)  # by label, (2,) m, each person's last seen pelvis
+    # (2,) m, place where each person's pelvis was last seen, by the person's label
+    places: dict[int, np.ndarray] = field(default_factory=dict)
     gone_s: float = 0.0  # s, time since the frame ``seen``
 
     def after(self, following: Observation, belief: PoseBelief | None, elapsed_s: float) -> LastSeen:
-        """Return this record after one more frame. belief: the pose in it; None if it does not show the patient."""
+        """Return this record after one more frame. belief: the pose in the new frame; None if that frame does not show
+        the patient.
+        """
         others = [one for one in following.bystanders.followed if one.hidden_s == 0.0]
         met = self.met | {one.label for one in others}
         places = self.places | {one.label: one.belief.pose.root_m[[0, 2]] for one in others}
@@ -74,16 +78,17 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        # this and higher labels belong to people who came later; the last label may stand for several people
+        # this label and all higher labels belong to people who came later; the last possible label may stand for
+        # several people
         self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may be. Call it for all frames in order.
+        """Return who may be the patient in this frame, or why nobody may be. Call this method for all frames in order.
 
-        A new person may be a bystander who was there before, if the patient has left the image or if the person appears
-        in another place. Such a person counts as the patient only if standing in the equipment, or while all bystanders
-        are in view. A person who enters too soon after the patient has left is not the patient.
+        If the patient has left the image, or if a new person appears in another place, the new person may be a known
+        bystander with a new label. Such a person counts as the patient only if standing in the equipment, or while all
+        bystanders are in view. A person who enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
@@ -113,16 +118,17 @@ class Search:
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
         """Return whether a person at a place (2,) may be a bystander who is out of view: the bystander's last place is
-        nearer to it than the patient's last place. Such a bystander may reappear before the patient, under a new label.
+        nearer to this place than the patient's last place is. Such a bystander may reappear before the patient, under a
+        new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
-        """Return the pose in which a lost patient is expected: the last pose, which becomes less certain with time. It
-        helps to recognise the patient, since nobody turns round within a second behind a therapist. None if the patient
-        has walked out of the image.
+        """Return the pose in which a lost patient is expected: the last pose, which becomes less certain with time.
+        This pose helps to recognise the patient, since nobody turns round within a second behind a therapist. None if
+        the patient has walked out of the image.
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
@@ -133,8 +139,8 @@ class Search:
     def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
         """Return the people who are not bystanders seen before.
 
-        Each bystander is at most one of the people: the one with most pixels of the bystander's label. Labels spread
-        between people who touch, but the descriptor separates these people.
+        Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
+        Labels spread between people who touch, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -159,7 +165,7 @@ def _people_in(views: Sequence[View | None]) -> frozenset[int]:
 def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bool:
     """Return whether every camera that sees the patient shows only a narrow strip at the border of its image.
 
-    It is False if no camera sees the patient: then the patient may be hidden.
+    The result is False if no camera sees the patient, since the patient may then be hidden.
     """
     seen = [(view, camera) for view, camera in zip(views, cameras, strict=True) if view is not None]
     shown = [(view, camera) for view, camera in seen if view.patient.any()]
@@ -168,7 +174,7 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 def _is_strip(view: View, camera: Camera) -> bool:
     """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border or, if pixels at the border
-    have no readings, from the readings nearest to it.
+    have no readings, from the readings nearest to the border.
     """
     lens = camera.intrinsics
     sides = (

@@ -24,7 +24,7 @@ from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
 # m; a rough body covers all points this close to its skin; the distance allows for clothes and the body's error
 COVERED_M: Final = 0.10
-# m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer are the same person
+# m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
@@ -42,10 +42,10 @@ class Crowd:
 class RoughBody:
     """The place, heading and fit of a rough body."""
 
-    place_xz_m: np.ndarray  # (2,) the pelvis on the floor
+    place_xz_m: np.ndarray  # (2,) m, place of the pelvis over the floor
     facing_xz: np.ndarray  # (2,) unit vector from the back to the front
     explained: float  # 0 to 1, share of the person's nodes that lie near the body
-    # 0 to 1, share of the trunk's skin that cameras see past: they read something farther away there; NaN if unknown
+    # 0 to 1, share of the trunk's skin that cameras see past (they read something farther away there); NaN if unknown
     past: float
 
 
@@ -97,7 +97,8 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     if len(kept) < len(owner):
         people = people.joined(owner)
-        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)  # only bodies of merged people are fitted again
+        # bodies are fitted again only to people into whom another person was merged
+        grown = np.flatnonzero(np.bincount(owner)[kept] > 1)
         fitted = dict(zip(grown.tolist(), _bodies(pieces, people, cameras, grown), strict=True))
         bodies = tuple(fitted.get(number, bodies[k]) for number, k in enumerate(kept.tolist()))
     return Crowd(tuple(pieces), people, bodies)
@@ -112,8 +113,8 @@ def _bodies(
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """Return (k,) int, per person, the number of the larger person whose body covers most of this person; if there is
-    none, this person's own number.
+    """Return, for each person (k,), the number of a larger person whose body covers most of this person; without such a
+    larger person, return the person's own number.
     """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():

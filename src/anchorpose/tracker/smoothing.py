@@ -1,8 +1,8 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
-A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, they are
-averaged. If they disagree, the limb is taken from the pass in which cameras see more of the limb at its estimated
-place. Joints are then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, the limb
+is averaged over both. If they disagree, the limb is taken from the pass in which cameras see more of the limb at its
+estimated place. Joints are then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ from anchorpose.tracker.room import Room, Run
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
 # m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
 APART_M: Final = 0.06
-# m, half a shoulder breadth; if the passes place the trunk farther apart, all limbs are taken from the same pass as the
-# trunk
+# m, half a shoulder breadth; if the passes place the trunk farther apart than this, all limbs are taken from the pass
+# that gives the trunk
 TRUNK_APART_M: Final = 0.15
-HIDDEN_COST: Final = 0.5  # cost of taking a limb from a pass in a frame, per joint that is hidden there; seen: 0
-LOST_COST: Final = 2.0  # cost of taking a limb from a pass in a frame, per joint that is lost there
-SWITCH_COST: Final = 0.2  # cost of switching from one pass to the other; a joint that is hidden in one frame costs more
+# cost of taking a limb from a pass in a frame, per joint of the limb that is hidden in this pass; a seen joint costs 0
+HIDDEN_COST: Final = 0.5
+LOST_COST: Final = 2.0  # cost of taking a limb from a pass in a frame, per joint of the limb that is lost in this pass
+# cost of switching from one pass to the other; less than the cost of a joint that is hidden in one frame
+SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
@@ -66,8 +68,8 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2); then,
-    per frame after the first, both as predicted from the frame before.
+    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2); then
+    the same two as predicted from the frame before, for each frame but the first.
     """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
@@ -104,7 +106,7 @@ _JOINT_COST: Final = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassResult:
-    """The result of one pass, or of both passes combined, in one frame. It takes a few kilobytes."""
+    """The result of one pass, or of both passes combined, in one frame. A result takes a few kilobytes of memory."""
 
     pose: Pose | None  # None if the patient is lost
     joints_m: np.ndarray  # (21, 3) m, joints of the pose, not NaN for lost joints; NaN only if the patient is lost
@@ -113,7 +115,7 @@ class PassResult:
 
 
 def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
-    """Return the part of an estimate that is kept until the other pass reaches the same frame; without a pose if the
+    """Return the part of an estimate that is kept until the other pass reaches the same frame; it has no pose if the
     frame is not ``usable``.
     """
     if estimate.belief is None or not usable:
@@ -125,11 +127,11 @@ def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassCourse:
-    """All frames of one pass, or of both combined, without poses and labels."""
+    """All frames of one pass, or of both passes combined, without poses and labels."""
 
-    joints_m: np.ndarray  # (t, 21, 3)
+    joints_m: np.ndarray  # (t, 21, 3) m, places of the joints in each frame
     sigma_m: np.ndarray  # (t, 21) m, standard deviation of each joint's position; NaN for lost joints
-    state_code: np.ndarray  # (t, 21) int8
+    state_code: np.ndarray  # (t, 21) int8, code of each joint's state
     found: np.ndarray  # (t,) bool, whether the frame has a pose
 
 
@@ -147,7 +149,8 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 class Smoothing:
     """The weights with which both passes are combined, and the combined frames."""
 
-    weight: np.ndarray  # (t, PARTS) weight of the second pass for trunk and limbs, 0 to 1; the first pass has the rest
+    # (t, PARTS) weight of the second pass for trunk and limbs, 0 to 1; the first pass has 1 minus this weight
+    weight: np.ndarray
     course: PassCourse  # all frames with combined and smoothed joints, to which the body is fitted later
 
 
@@ -178,8 +181,8 @@ def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: 
 
 
 def trunk_of_back(there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> bool:
-    """Return whether the trunk of a frame is taken from the second pass: it has more weight, or the first pass lost the
-    patient.
+    """Return whether the trunk of a frame is taken from the second pass: this pass has more weight, or the first pass
+    lost the patient.
     """
     if there.pose is None or back.pose is None:
         return there.pose is None and back.pose is not None
@@ -219,7 +222,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        # if the passes disagree on the trunk, limbs come from the same pass as the trunk
+        # if the passes disagree on the trunk, limbs are taken from the pass that gives the trunk
         weight[split, part] = weight[split, 0]
     return weight
 
@@ -229,13 +232,16 @@ def _known_sigma(course: PassCourse, lost_sigma_m: float) -> np.ndarray:
 
 
 def seen_less(answer: PassResult) -> float:
-    """Return the sum of ``HIDDEN_COST`` or ``LOST_COST`` over all joints that no camera sees; 0 if all are seen."""
+    """Return the sum of ``HIDDEN_COST`` or ``LOST_COST`` over all joints that no camera sees; 0 if cameras see all
+    joints.
+    """
     return float(_JOINT_COST[[STATE_CODE[state] for state in answer.states]].sum())
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Return (t,) 0 or 1: which of two courses with cost (2, t) to take in each frame for the least total cost (Viterbi
-    1967). The farther apart the courses are, the more a switch costs, since limbs do not jump.
+    """Return (t,) 0 or 1: which of two courses (for example, passes) to take in each frame, so that the total cost is
+    least (Viterbi 1967). cost (2, t): of each course in each frame. The farther apart the courses are, the more a
+    switch costs, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -252,7 +258,9 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Mix joints, sigma and states of both passes; weight (t, 21): of the second pass where both found the patient."""
+    """Mix joints, sigma and states of both passes. weight (t, 21): weight of the second pass in frames where both found
+    the patient.
+    """
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)
     joints = there.joints_m + share[..., None] * (back.joints_m - there.joints_m)
@@ -273,8 +281,8 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Return a pose in which each body part is taken from the pose with more weight for this part; the only pose if one
-    is missing, None if both are. weight (PARTS,): weight of ``other``.
+    """Return a pose in which each body part is taken from the pose with more weight for this part. If a pose is
+    missing, return the other; None if both are missing. weight (PARTS,): weight of ``other``.
     """
     if one is None or other is None:
         return one or other

@@ -53,20 +53,23 @@ from anchorpose.tracker.sighting import Crowd, SeenPerson, Sighting
 
 # a forearm or shank counts as fully seen if this share of its skin is seen; a camera sees at most half of the skin
 SEEN = 0.3
-# maximum rarity (sum of squared joint deviations) of a usual pose; correct first poses: 15 to 60, wrong poses: over 100
+# maximum rarity (sum of squared joint deviations) of a pose that counts as usual; correct first poses have 15 to 60,
+# wrong poses over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct starts: 0.35, wrong starts in a crowd: below 0.25
+# minimum quality of a start in a recording without equipment; correct starts have 0.35, wrong starts in a crowd below
+# 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
-# maximum squared Mahalanobis distance (3 angles) by which the pelvis of a lost patient may have turned; 1 patient in
-# 10,000 turns farther
+# maximum squared Mahalanobis distance (of 3 angles) between the pelvis of a person and the expected pelvis of a lost
+# patient; 1 patient in 10,000 turns farther
 TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
 HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
-UPRIGHT = 0.7  # minimum cosine between trunk and vertical for testing HANGS_M; the feet of people who lie may be high
+# minimum cosine between trunk and vertical at which HANGS_M is tested; the feet of people who lie may be high
+UPRIGHT = 0.7
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
 
@@ -102,8 +105,9 @@ def find_start(
     """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
-    pose expected after a loss. It is used for the limb search after the first pose, and to reject a person who faces
-    the other way. facing: as decided by a longer stretch of the recording; None if this frame must decide it.
+    pose expected after a loss. The expected pose is used for the limb search after the first pose, and to reject a
+    person who faces the other way. facing: as decided by a longer stretch of the recording; None if this frame must
+    decide it.
     """
     room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -145,8 +149,8 @@ def _start_with(
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose ``before``.
 
-    Then the person may not be the patient: a helper who was hidden together with the patient often faces the patient,
-    and so shows a camera the back if the patient showed it the front.
+    A person who has turned so far may not be the patient. For example, a helper who was hidden together with the
+    patient often faces the patient, and so shows a camera the back if the patient showed it the front.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
@@ -174,9 +178,11 @@ def start_turned(seen: Observation | None, turned: Rival | None, config: TrackCo
 
 
 def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: FittedShape | None) -> FirstPose:
-    """Find the first pose with the learnt body, or, before learning, with a body whose shape may be fitted, too.
+    """Find the first pose with the learnt body. Before a body is learnt, find it with a body whose shape may be fitted,
+    too.
 
-    If no likely body fits the user's statements about the patient, the images alone decide.
+    If no likely body agrees with the user's statements about the patient, the statements are ignored and the images
+    alone decide.
     """
     subject, config = run.room.recording.subject, run.config
     if known is not None:
@@ -224,8 +230,8 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
 
 
 def quality(start: Start) -> float:
-    """Return the quality of a start, 0 to 1: the share of the surface that lies near the body, reduced for each forearm
-    and shank that is hardly seen, and for a rare pose.
+    """Return the quality of a start, 0 to 1: the share of the patient's surface that lies near the body. It is reduced
+    for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
     stays wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent in
@@ -258,10 +264,11 @@ CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if anoth
 MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
 # if a start has this ``quality``, no other frame is tried; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
 WELL: Final = 0.92
-WHOLE: Final = 0.8  # minimum share of the patient's usual visible area in such a frame; any pose fits a narrow strip
-TRIES: Final = 8  # maximum number of frames in which a body is fitted; each takes one or two seconds
-# share of the candidates' time span; a frame nearer than this to a tried frame scores less, since it would probably
-# fail for the same reason
+# minimum of ``InitialFrame.whole`` in a frame after which no other frame is tried, since any pose fits a narrow strip
+WHOLE: Final = 0.8
+TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
+# share of the time span of all candidate frames; a frame nearer than this to a tried frame scores less, since it would
+# probably fail for the same reason
 APART: Final = 0.25
 
 
@@ -305,7 +312,7 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first unbroken series of frames with the patient at a place; all frames if never there."""
+    """Return the first unbroken series of frames that show the patient at a place; all frames if none does."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     if not any(there):
         return range(len(there))
@@ -314,8 +321,8 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Return a frame in which tracking may begin, with its score. Surface beyond the usual area does not raise the
-    score: it may belong to a person who touches the patient.
+    """Return a frame in which tracking may begin, with its score. More surface than the patient's usual area does not
+    raise the score: it may belong to a person who touches the patient.
     """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
@@ -363,13 +370,14 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """Return the first frame that shows the whole patient and that a body fits well, else the most probable of all
-    tried.
+    """Return the first frame that shows the whole patient and that a body fits well. If no tried frame does, return the
+    frame with the most probable body.
 
     explained: returns, for a frame, how well a body fits the patient, 0 to 1, and the body's log probability in nats,
-    minus a penalty for surface far from the body. A body with the wrong facing lies near as much surface, but it makes
-    the depth readings less probable, or its shape is rare. If a person behind the patient has the patient's label, no
-    body fits all of the surface. The frame with the best score is tried first, then frames far from all tried frames.
+    minus a penalty for surface far from the body. A body with the wrong facing lies near as much of the surface as the
+    correct body, but it makes the depth readings less probable, or its shape is rare. If a person behind the patient
+    has the patient's label, no body fits all of the surface. The frame with the best score is tried first, then frames
+    far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:

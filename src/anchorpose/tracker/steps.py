@@ -1,8 +1,8 @@
 """Find where all people moved since the last frame, from the depth images alone.
 
 At a low frame rate a walking person moves a quarter of a metre between frames, too far to be recognised by the
-remembered or predicted skin. So each person's last seen points are moved over the ground and compared with the new
-frame.
+remembered or predicted skin. So the points at which each person was last seen are moved over the ground and compared
+with the new frame.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from anchorpose.isolation.scene import Pieces
 
 REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
-SAME_M: Final = 0.06  # m, maximum gap between a moved point and its reading: half of GRID_M, clothes and noise
-PAST_M: Final = 0.15  # m; if a reading is this far behind a point, the point counts as refuted (not there)
+# m, maximum gap between a moved point and the reading at its pixel: half of GRID_M, plus clothes and noise
+SAME_M: Final = 0.06
+# m; if a reading is this far behind a point, the reading refutes the point: the person's skin is not there
+PAST_M: Final = 0.15
 POINTS: Final = 250  # maximum number of points used per person; so few give the share found a sampling error of 0.03
 STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
 PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; limbs in front may hide the rest
-BETTER: Final = 0.2  # a step is taken only if the share of points found with it is larger by this than without it
+BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
-# subtracted, per metre of a step, from the share of points found, so that the shorter of two good steps is preferred
+# reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
 MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
@@ -43,8 +45,9 @@ def find_steps(
     no entry.
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at its depth, as refuted if a camera sees past it (reads something farther away), and as
-    unknown if it is hidden. The combination of steps with which most points are found and fewest refuted is chosen.
+    pixel of a person lies at the point's depth, as refuted if a camera sees past the point (reads something farther
+    away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest refuted
+    is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
@@ -64,7 +67,7 @@ def find_steps(
 class _Option(NamedTuple):
     """A possible step of one person."""
 
-    step: np.ndarray  # (3,) m
+    step: np.ndarray  # (3,) m, movement over the ground
     place_xz_m: np.ndarray  # (2,) the person's place on the ground after the step
     worth: float  # share of the points found minus the share refuted, minus ``FAR_COST`` times the distance
 
@@ -72,7 +75,9 @@ class _Option(NamedTuple):
 def _options(
     points_m: np.ndarray, staying: float, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> list[_Option]:
-    """Return the options of a person: staying, and up to ``MOST_STEPS`` good steps that lead to different places."""
+    """Return the possible steps of a person: none (staying), and up to ``MOST_STEPS`` good steps that lead to different
+    places.
+    """
     steps, center = _grid(), points_m.mean(axis=0)[[0, 2]]
     worth = _worth(_thinned(points_m), steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     found = [_Option(np.zeros(3), center, max(staying, 0.0))]
@@ -85,7 +90,7 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of the chosen options, one per person; -inf if two people would stand in one place."""
+    """Return the total worth of the chosen steps, one per person; -inf if two people would stand in one place."""
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -141,7 +146,7 @@ def _grid() -> np.ndarray:
 def _best_step(
     points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, float]:
-    """Return the best step (3,) and its worth, from which ``FAR_COST`` times the distance is already subtracted."""
+    """Return the best step (3,) and its worth, which is already reduced by ``FAR_COST`` times the step's length."""
     steps = _grid()
     worth = _worth(points_m, steps, shown, free) - FAR_COST * np.linalg.norm(steps, axis=1)
     best = int(worth.argmax())
@@ -167,8 +172,8 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Set found to 1 where a moved point has a free pixel (no other person's) at its depth, -1 if the camera sees past
-    it.
+    """Set ``found`` to 1 for each moved point with a free pixel (no other person's) at the point's depth, and to -1 if
+    the camera sees past the point.
     """
     height, width = depth.shape
     for k in range(len(steps)):
@@ -187,7 +192,7 @@ def _look(
 
 
 def _take(points_m: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]) -> None:
-    """Mark the pixels at the points as taken, so that no other person is found there."""
+    """Mark the pixels at the points as taken by a person, so that no other person is found there."""
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _close(points_m, projection, pixels.depth_m, open_)
 

@@ -41,9 +41,9 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start the second process. It ends by itself; its result is the cache of compiled kernels.
+    """Start the second process. The process ends by itself; its result is the cache of compiled kernels.
 
-    If it fails, only time is lost, since the first process then compiles the kernels itself.
+    If the second process fails, only time is lost, since the first process then compiles the kernels itself.
     """
     run = f"from {__name__} import warm_up; warm_up()"
     return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -70,7 +70,9 @@ def warm_up() -> Registration:
 
 
 def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
-    """Return evidence: the skin points that face the camera, as nodes, and the depth image of skin and wall."""
+    """Return the evidence of a simulated frame: the skin points that face the camera, as nodes, and the depth image of
+    skin and wall.
+    """
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
     T_camera_world = np.linalg.inv(CAMERA.require_pose())
