@@ -71,16 +71,6 @@ def test_a_known_body_is_found_whichever_way_it_faces(truth, heading_deg):
     assert found.shape is adult()
 
 
-def test_a_facing_that_is_known_from_elsewhere_is_chosen_among_the_first_poses_of_the_same_body():
-    first = first_pose(STANDING)
-    turned = turned_about_y(180.0, (0.0, 0.0, 0.0)).of_pose(STANDING)
-    assert first.facing_as(STANDING) is first
-    other = first.facing_as(turned)
-    assert not other.pose.faces_away(turned)
-    assert other.shape is first.shape
-    assert other.others == (first,)
-
-
 def test_a_body_of_another_height_is_found_with_a_shape_that_gives_way():
     found = first_pose(STANDING, height_m=1.64)
     own = build_body(points(), found.shape)

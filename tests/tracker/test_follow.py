@@ -7,9 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from body_builder import true_shape
+from body_builder import true_shape, turned_about_y
 
+from anchorpose.body.belief import vague_belief
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
+from anchorpose.body.rivals import Rival
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LIMBS, JointState
 from anchorpose.recording.reader import open_recording, read_frame, read_frames
@@ -24,6 +26,7 @@ from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.smoothing import explain_smoothed, labelled_views, pass_result
+from anchorpose.tracker.start import Facing, NoStart, find_start, start_as_learnt
 from anchorpose.tracker.stopwatch import Stopwatch
 
 FPS, FRAMES = 8.0, 20
@@ -222,6 +225,23 @@ def test_the_papers_own_parts_follow_roughly(course):
     # frame-to-frame ICP drifts by some millimetres a frame at 8 frames a second; a lost limb is off by 0.3 m
     assert np.nanmean(off, axis=1).max() < 0.08
     assert np.nanmean(off[-1]) > off[0].mean()
+
+
+@pytest.mark.thorough
+def test_a_start_as_learnt_has_the_learnt_pose_and_never_the_opposite_facing(course):
+    initial, run = course.room.initial_frame, Run(course.room, CONFIG)
+    frame_set = read_frame(course.room.recording, initial.frame)
+    found = find_start(frame_set, run, initial.choice, course.shape)
+    x_m, _, z_m = found.belief.pose.root_m
+    turned = turned_about_y(180.0, (2.0 * x_m, 0.0, 2.0 * z_m)).of_pose(found.belief.pose)
+    assert turned.faces_away(found.belief.pose)
+    other = Rival(vague_belief(turned), 1.0, body=build_body(body_points(), course.shape))
+    learnt = start_as_learnt(frame_set, run, initial.choice, course.shape, Facing(found.belief.pose, other))
+    joints_m = [build_body(body_points(), course.shape).joints(one.belief.pose) for one in (learnt, found)]
+    assert np.linalg.norm(joints_m[0] - joints_m[1], axis=1).max() < 0.03
+    assert any(rival.body is other.body for rival in learnt.rivals), "the other facing still counts"
+    wrong = start_as_learnt(frame_set, run, initial.choice, course.shape, Facing(turned, None))
+    assert isinstance(wrong, NoStart) or wrong.belief.pose.faces_away(found.belief.pose)
 
 
 @pytest.mark.thorough

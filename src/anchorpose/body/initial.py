@@ -56,14 +56,6 @@ class FirstPose:
         """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
-    def facing_as(self, pose: Pose) -> FirstPose:
-        """Return the first pose that faces as ``pose`` does: this one, or one of ``others`` with the same shape;
-        ``self`` if none does.
-        """
-        alike = (one for one in self.others if one.shape is self.shape and not pose.faces_away(one.pose))
-        other = next(alike, None) if pose.faces_away(self.pose) else None
-        return self if other is None else replace(other, others=(self,))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstShape:

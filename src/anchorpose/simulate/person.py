@@ -37,8 +37,8 @@ FOLDS = 7  # number of waves whose sum gives the folds of clothes
 MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
 # standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in those of folds.
 # Learnt with a prior of 20 mm, offsets of skin patches were 5 mm (root mean square) in a simulated recording without
-# such gaps, 14 mm in three with them and 17 mm in twelve real ones, which include coarser sensors and other bodies.
-GAP_SPREAD, GAP_PER_FOLD = 0.8, 4.0
+# such gaps, 14 mm in two with them and 17 mm in twelve real ones, which include coarser sensors and other bodies.
+GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of a factor on the height of folds

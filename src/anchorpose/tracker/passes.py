@@ -35,7 +35,7 @@ from anchorpose.tracker.smoothing import (
     smoothed_result,
     trunk_of_back,
 )
-from anchorpose.tracker.start import find_start, turn_round
+from anchorpose.tracker.start import find_start, start_as_learnt, turn_round
 
 BLOCK: Final = 48
 """Number of frames per stored block; these are tracked in two to six seconds. The state stored with a block has 10 to
@@ -322,7 +322,9 @@ def _start_of(route: Route, run: Run, learnt: LearntPatient | None) -> Start | N
     initial = run.room.initial_frame
     if initial is None or not len(route.forward):
         return None
-    frame_set, shape = route.frame(route.forward[0]), None if learnt is None else learnt.shape
-    facing = None if learnt is None or learnt.frame != frame_set.frame else learnt.facing()
-    found = find_start(frame_set, run, initial.choice, shape, facing=facing)
+    frame_set = route.frame(route.forward[0])
+    if learnt is not None and learnt.frame == frame_set.frame:
+        found = start_as_learnt(frame_set, run, initial.choice, learnt.shape, learnt.facing())
+    else:
+        found = find_start(frame_set, run, initial.choice, None if learnt is None else learnt.shape)
     return found if isinstance(found, Start) else None

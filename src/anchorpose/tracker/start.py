@@ -22,9 +22,9 @@ from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_p
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
-from anchorpose.body.registration import posterior
+from anchorpose.body.registration import descend, posterior
 from anchorpose.body.rivals import Rival, rivals_of
-from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
+from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.isolation.people import PatientChoice
@@ -87,9 +87,9 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's facing in a frame, decided by a longer stretch of the recording."""
+    """The patient's pose in a frame, and so the patient's facing, decided by a longer stretch of the recording."""
 
-    pose: Pose  # a pose with this facing
+    pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
 
 
@@ -100,14 +100,12 @@ def find_start(
     known: FittedShape | None,
     crowd: Crowd | None = None,
     expected: PoseBelief | None = None,
-    facing: Facing | None = None,
 ) -> Start | NoStart:
     """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
     pose expected after a loss. The expected pose is used for the limb search after the first pose, and to reject a
-    person who faces the other way. facing: as decided by a longer stretch of the recording; None if this frame must
-    decide it.
+    person who faces the other way.
     """
     room, config = run.room, run.config
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
@@ -117,7 +115,8 @@ def find_start(
     first = _first_body(observation, match_person(matches), run, known)
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
-    start = _start_with(first, observation, expected, facing, config)
+    body, turned = build_body(body_points(), first.shape), _turned(first)
+    start = _start_with(body, first.pose, observation, config, expected, turned=turned)
     if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     if expected is not None and _turned_round(expected, start.belief.pose):
@@ -125,25 +124,49 @@ def find_start(
     return _why_not(start, run) or (start if known is None else replace(start, turned=None))
 
 
+def start_as_learnt(
+    frame_set: FrameSet, run: Run, choice: PatientChoice, shape: FittedShape, facing: Facing
+) -> Start | NoStart:
+    """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
+
+    The first pose is not searched for again: the frames that followed have decided it better than this frame can.
+    """
+    config = run.config
+    seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run)
+    body, before = build_body(body_points(), shape), vague_belief(facing.pose)
+    pose = descend(body, facing.pose, before, seen.evidence, config.registration)
+    start = _start_with(body, pose, seen, config, facing=facing)
+    if start is None or start.explained < LEAST_EXPLAINED:
+        return NoStart.NO_BODY_FITS
+    return _why_not(start, run) or start
+
+
 def _start_with(
-    first: FirstPose, seen: Observation, expected: PoseBelief | None, facing: Facing | None, config: TrackConfig
+    body: Body,
+    pose: Pose,
+    seen: Observation,
+    config: TrackConfig,
+    expected: PoseBelief | None = None,
+    facing: Facing | None = None,
+    turned: Rival | None = None,
 ) -> Start | None:
     """Return the start with a first pose, after a search for misplaced limbs; None if the pose does not fit.
-    ``expected`` and ``facing`` are described in ``find_start``.
+
+    expected: as in ``find_start``. facing: as in ``start_as_learnt``; the search then does not turn the body round.
+    turned: the opposite facing, a rival of the pose.
     """
-    body, turned = build_body(body_points(), first.shape), _turned(first)
-    if facing is not None:
-        first = first.facing_as(facing.pose)
-    found = posterior(body, first.pose, vague_belief(first.pose), seen.evidence, config.registration)
+    found = posterior(body, pose, vague_belief(pose), seen.evidence, config.registration)
     if not found.found:
         return None
-    before = expected or vague_belief(found.belief.pose)
     # the search corrects exchanged left and right limbs, and limbs at which the descriptor has no matches
-    search = search_limbs(body, found, before, seen.evidence, config.registration)
-    found = search.registration
-    others = [*search.rivals, turned] if facing is None else _facing_as(facing, search.rivals)
-    rivals = rivals_of(body, found.belief, others)
-    return Start(seen, first.shape, found.belief, found.explained, rivals, turned) if found.found else None
+    search = search_limbs(body, found, expected or vague_belief(found.belief.pose), seen.evidence, config.registration)
+    others = [*search.rivals, turned]
+    if facing is None or not facing.pose.faces_away(search.registration.belief.pose):
+        found = search.registration
+    if facing is not None:
+        others = [*(one for one in search.rivals if not facing.pose.faces_away(one.belief.pose)), facing.other]
+    rivals = rivals_of(body, found.belief, [one for one in others if one is not None])
+    return Start(seen, body.shape, found.belief, found.explained, rivals, turned) if found.found else None
 
 
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
@@ -161,12 +184,6 @@ def _turned(first: FirstPose) -> Rival:
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)
     return Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
-
-
-def _facing_as(facing: Facing, rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the rivals with the known facing; also the opposite facing if the longer stretch does not exclude it."""
-    alike = [one for one in rivals if not facing.pose.faces_away(one.belief.pose)]
-    return alike if facing.other is None else [*alike, facing.other]
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
