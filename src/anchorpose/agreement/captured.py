@@ -29,7 +29,7 @@ METRES: Final[Mapping[str, float]] = {
 """Length of each unit in metres, by the unit's name in files."""
 
 LONGEST_S: Final = 86_400.0  # s (one day), maximum duration; if a recording is longer, its times are not in seconds
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: maximum coordinate and angle; above them: wrong unit or damaged file
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: largest plausible values; above: wrong unit or damaged file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Captured:
     """A recording of another motion capture system. time_s (t,): increasing times on the clock of the file.
 
     point_m (t, p, 3): the points with the labels ``points``, metres in the file's frame of reference; degrees (t, a):
-    the angles with the labels ``angles``. Both are NaN where missing.
+    the angles with the labels ``angles``. Missing points and angles are NaN.
     """
 
     path: Path
@@ -68,8 +68,8 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Return the recording unchanged. Raises InputError if it has no points and angles, only one frame, times that do
-    not increase, or impossible values.
+    """Return the recording unchanged. Raises InputError if the recording has no points and angles, only one frame,
+    times that do not increase, or impossible values.
     """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
@@ -98,12 +98,12 @@ def repeated_label(path: Path, labels: tuple[str, ...]) -> None:
 
 
 def read_c3d(path: Path, unit: str | None = None) -> Captured:
-    """Read the points and angles of a C3D file. unit: its unit of length, needed if the file states none or a wrong
-    one.
+    """Read the points and angles of a C3D file. unit: the file's unit of length, needed if the file states none or a
+    wrong one.
 
-    A point is missing where its residual is negative. Unlabelled points (``*12``) are left out. A subject's name and
-    colon before a label are removed. Raises InputError for a file that cannot be used, and MissingPackage if ezc3d is
-    not installed.
+    A point counts as missing in frames for which the file states a negative residual. Unlabelled points (``*12``) are
+    left out. A subject's name and colon before a label are removed. Raises InputError for a file that cannot be used,
+    and MissingPackage if ezc3d is not installed.
     """
     try:
         import ezc3d
@@ -144,7 +144,7 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
 
 
 def _labels(group: Any) -> tuple[str, ...]:
-    """Return the labels of all points, in order. From the 256th on, C3D files have them in LABELS2, LABELS3, ..."""
+    """Return the labels of all points, in order. C3D files store labels from the 256th on in LABELS2, LABELS3, ..."""
     names = [name for name in group if name.startswith("LABELS")]
     return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
 

@@ -22,19 +22,19 @@ GRID_HZ: Final = 100.0
 """Hz, rate of the evenly spaced times (the grid) at which signals are compared; movement is smooth between them."""
 
 SMOOTHING_S: Final = 0.04
-"""Standard deviation, in s, of the Gaussian kernel that smooths the signals of both systems. It passes frequencies up
-to 4 Hz, and most movements of people are slower.
+"""Standard deviation, in s, of the Gaussian kernel that smooths the signals of both systems. The kernel passes
+frequencies up to 4 Hz, and most movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""Gaps in a signal are interpolated if they last at most this time in s, or at most 1.5 frame intervals."""
+"""A gap in a signal is interpolated if it lasts at most this time in s, or at most 1.5 frame intervals."""
 
-MOST_SIGNALS: Final = 40  # maximum number of signals that are compared: those that vary most
+MOST_SIGNALS: Final = 40  # maximum number of compared signals; those that vary most are used
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
 """A distance between joints, or an angle, is used as a signal if its standard deviation over the recording is at least
-``LEAST_MOVEMENT_M`` (m) or ``LEAST_MOVEMENT_DEG`` (degrees). Below it, the signal is mostly noise.
+``LEAST_MOVEMENT_M`` (m) or ``LEAST_MOVEMENT_DEG`` (degrees). A signal that varies less is mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
@@ -55,11 +55,11 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Return the signals of both systems: distances between joints, and angles, that both have and that vary enough in
-    both. Return None if there are none.
+    """Return the signals of both systems: distances between joints, and angles, that both systems have and that vary
+    enough in both. Return None if no signal qualifies.
 
-    ours, theirs: time_s (n,), position_m (n, 21, 3) and degrees (n, a) of one system, NaN where missing. Both have the
-    same angles in the same order.
+    ours, theirs: time_s (n,), position_m (n, 21, 3) and degrees (n, a) of one system, NaN where missing. Both systems
+    have the same angles in the same order.
     """
     columns = [_raw(position, degrees) for _, position, degrees in (ours, theirs)]
     known = np.minimum(*(np.isfinite(each).mean(axis=0) for each in columns))
@@ -110,8 +110,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # near a gap or an end of the signal the kernel is one-sided, which would shift the movement in time: values there
-    # are left out
+    # near a gap or an end of the signal, the kernel is one-sided, which would shift the movement in time, so values
+    # near gaps and ends are left out
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -144,23 +144,23 @@ COARSE: Final = 4
 """The first search for the offset between the clocks uses only every fourth sample of each signal."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Minimum time that both recordings cover, as a share of the shorter one; in a shorter time, movements may agree by
-chance.
+"""Minimum time that both recordings have in common, as a share of the shorter recording; in a shorter time, movements
+may agree by chance.
 """
 
-LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings cover, however short they are
+LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if one is short
 
 LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at the best offset; else no clock is found
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""An offset more than ``RIVAL_DISTANCE_S`` from the best one counts as equally good if the share of the movement that
-it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times that of the best one. The movement then
-repeats itself, so it does not determine the offset.
+"""An offset more than ``RIVAL_DISTANCE_S`` from the best offset counts as equally good if the share of the movement
+that it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times that of the best offset. The movement
+then repeats itself, so it does not determine the offset.
 """
 
 ITERATIONS: Final = 20  # maximum number of least-squares steps
-BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife leaves out each in turn
+BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife leaves out one stretch at a time
 HUBER: Final = 2.5  # number of robust standard deviations beyond which a residual gets less weight
 
 
@@ -186,7 +186,7 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """Convert times (n,) of the results to the other clock."""
+        """Convert times (n,) of the results to the other system's clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
 
@@ -198,7 +198,8 @@ class Clock(OtherClock):
 
 
 def find_clock(ours: Signals, theirs: Signals) -> Clock:
-    """Find the other clock's offset and drift with their uncertainty, from the same signals of both systems.
+    """Find the offset and drift of the other system's clock, with their uncertainty, from corresponding signals of both
+    systems.
 
     Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains as much.
     """
@@ -278,8 +279,8 @@ def offset_of_peak(
 
     r, overlap: correlation and number of common samples at each lag, as ``_correlations`` returns them for every
     ``COARSE``-th sample of the signals. least_s: only lags at which both recordings cover at least this time in s are
-    considered. near_s: an offset within ``RIVAL_DISTANCE_S`` of the right one; None if unknown. Raises NoCommonMovement
-    if the best correlation is too small, or another offset explains as much of the movement.
+    considered. near_s: an estimate of the offset that is wrong by at most ``RIVAL_DISTANCE_S``; None if unknown. Raises
+    NoCommonMovement if the best correlation is too small, or another offset explains as much of the movement.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -308,10 +309,11 @@ def offset_of_peak(
 
 
 def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, at each lag of b behind a, the correlation over all signals, and the mean number of common samples.
+    """Return, for each lag of ``b`` behind ``a``, the correlation over all signals and the mean number of common
+    samples.
 
-    a (n, k), b (m, k): the same signals, NaN where missing. The correlation is -1 where it is undefined. Lag index i
-    pairs a[j] with b[j + i - (n - 1)].
+    a (n, k), b (m, k): corresponding signals of both systems, NaN where missing. The correlation is -1 where it is
+    undefined. Lag index i pairs a[j] with b[j + i - (n - 1)].
     """
     covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
     for column in range(a.shape[1]):
@@ -341,7 +343,7 @@ def _normal_equations(
     duration. The step changes the drift, and the offset at the centre of the overlap.
 
     Return matrices (b, 2, 2), right sides (b, 2), the times of common samples, and the centre of these times; None if
-    there are too few common samples.
+    the signals have too few common samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ

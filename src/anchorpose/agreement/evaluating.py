@@ -40,8 +40,9 @@ STATES: Final = (ALL, INFERRED, *(str(state) for state in JointState if state is
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agreement:
     """One row of the table of agreement; fields are None where undefined. Values are in ``unit``. Differences are this
-    program's value minus the other system's. ``lower`` and ``upper`` are the limits of agreement, ``_low`` and
-    ``_high`` after a name the ends of its 95 % interval, ``cmc`` the coefficient of multiple correlation.
+    program's value minus the other system's. ``lower`` and ``upper`` are the limits of agreement; ``cmc`` is the
+    coefficient of multiple correlation. A field with the ending ``_low`` or ``_high`` is an end of the 95 % interval of
+    the field without this ending.
 
     kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
     given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
@@ -87,7 +88,7 @@ COLUMNS: Final = tuple(each.name for each in fields(Agreement))
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
     """The compared values of one quantity in one recording, NaN where unknown. ours (n,): values of the results, with
-    sigma (n,) and state_code (n,); theirs (n,): values of the other system; time_s (n,): times of both.
+    sigma (n,) and state_code (n,); theirs (n,): values of the other system; time_s (n,): times of both systems' values.
 
     offset (n,): the part of ``ours`` minus ``theirs`` that comes from different definitions of the joint or angle.
     """
@@ -107,13 +108,17 @@ class Compared:
         return np.asarray(known & in_state(self.state_code, state))
 
     def their_values(self, offset: str) -> np.ndarray:
-        """Return the other system's values (n,), converted to this program's definition if ``offset`` asks for it."""
+        """Return the other system's values (n,), converted to this program's definition of the joint or angle if
+        ``offset`` is ``offset_removed``.
+        """
         return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity to be compared. take: function that returns its values in a match; None if a system lacks it."""
+    """A quantity to be compared. take: function that returns the quantity's values in a match, or None if one of the
+    systems lacks the quantity.
+    """
 
     kind: str
     name: str
@@ -123,7 +128,9 @@ class Quantity:
 
 
 def quantities(matches: Sequence[Match]) -> list[Quantity]:
-    """Return what can be compared: coordinates and angles of joints, and angles in the other system's file."""
+    """Return all quantities that can be compared: coordinates and angles of joints, and angles in the other system's
+    file.
+    """
     given = dict.fromkeys(name for match in matches for name in match.given_names)
     return [
         *(
@@ -137,7 +144,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: a text per match, equal for the same person."""
+    """Return the rows of agreement, each over all recordings. subjects: the person's name for each match."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -151,7 +158,7 @@ def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Ag
 
 
 Parts = Sequence[tuple[Compared, str, np.ndarray]]
-"""What one row of the table of agreement compares, one entry per recording: the compared values, the subject, and the
+"""The data behind one row of the table of agreement, one entry per recording: the compared values, the subject, and the
 chosen frames (n,) bool.
 """
 
@@ -184,7 +191,7 @@ def _row(quantity: Quantity, parts: Parts, state: str, offset: str) -> Agreement
 
 
 def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: Any) -> Agreement:
-    """Return a row with the statistics of ``error`` (n,). about: kind, name, axis and unit."""
+    """Return a row with the statistics of ``error`` (n,). about: kind, name, axis and unit of the quantity."""
     size, (kind, name, axis, unit) = np.abs(error), about
     return Agreement(
         kind=kind,
@@ -216,7 +223,9 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 PER_STRETCH: Final = 2
-"""Number of correlation times of the errors in a stretch of time: as many independent differences are counted in it."""
+"""Length of a stretch of time, in correlation times of the errors. A stretch counts as this many independent
+differences.
+"""
 
 
 def stretches(time_s: np.ndarray, difference: np.ndarray) -> np.ndarray:
@@ -254,7 +263,7 @@ def _difference(each: Compared, offset: str) -> np.ndarray:
 
 
 def in_state(state_code: np.ndarray, state: str) -> np.ndarray:
-    """Return (...) bool: True where the code belongs to ``state``, which is one of ``STATES``."""
+    """Return (...) bool: True where the state code belongs to ``state``, which is one of ``STATES``."""
     if state == ALL:
         return np.ones(state_code.shape, dtype=bool)
     if state == INFERRED:
@@ -290,7 +299,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns, to within 180 degrees of ours
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns until within 180 degrees of ours
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -318,8 +327,9 @@ class Comparison:
 def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
-    """Compare each results folder with the reference at the same place of ``references``. subjects: the person of each
-    folder; if empty, all folders count as recordings of one person, as if nothing could be said of other people.
+    """Compare each results folder with the reference at the same index of ``references``. subjects: the person of each
+    folder; if empty, all folders count as recordings of one person, so that the result does not claim to hold for other
+    people.
 
     Raises InputError or AnchorposeError if a folder and its reference do not belong together or cannot be used.
     """

@@ -26,7 +26,7 @@ REMEDY: Final = "give rows camera,frame,joint,u,v with the column u and the row 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageErrors:
     """Distances between labelled and tracked joints in the plane of the image, for one joint or a group of joints
-    (``name``); the distances are None if none is known.
+    (``name``); fields of distances are None if no distance is known.
 
     labelled: number of labels in tracked frames; lost: number of these labels for which no distance is known, usually
     because the joint was lost. Pixels are converted to millimetres at the depth of the tracked joint. within_50,

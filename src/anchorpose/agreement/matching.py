@@ -63,7 +63,8 @@ class Match:
 
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
-    """Match results with a reference: find its clock and pose. given: its pose T_world_reference (4, 4), if known.
+    """Match results with a reference: find the reference's clock and pose. given: the reference's pose
+    T_world_reference (4, 4), if known.
 
     Raises InputError if lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
     movement is found.
@@ -122,7 +123,9 @@ def _clock_of_positions(
 
 
 def _angles_of(joints: JointTable, position_m: np.ndarray) -> AngleTable:
-    """Return the angles of the other system's joints by this program's formulas; the sigma in the table is not used."""
+    """Return the angles of the other system's joints by this program's formulas; sigma in the returned table has no
+    meaning.
+    """
     return joint_angles(
         JointTable(
             joints.frame, joints.time_s, position_m, joints.state_code, np.zeros((len(joints.frame), JOINT_COUNT))

@@ -1,10 +1,10 @@
 """Find the frame of another system in the world of the results, and the constant offsets between both systems' joints.
 
 Even without errors, the joints of two systems differ by their definitions: for example, one system places the knee's
-centre midway between two markers, the other computes it from the body's surface. Such an offset is constant in the axes
-of the body segment (of the thigh, for a knee), so it can be separated from errors, which are not constant. An offset
-that all joints share cannot be distinguished from another position of the frame unless the person turns, so it is
-attributed to the frame.
+centre midway between two markers, the other computes it from the body's surface. An offset due to definitions is
+constant in the axes of the body segment (of the thigh, for a knee), so it can be separated from errors, which are not
+constant. An offset that all joints share cannot be distinguished from another position of the frame unless the person
+turns, so it is attributed to the frame.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ LEAST_FRAMES: Final = 10
 """Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""A joint gets less weight in a frame in which its distance between the systems is over ``FARTHEST`` times the median
-distance, since one of the systems has probably lost it.
+"""A joint gets less weight in a frame in which the two systems' positions of it are over ``FARTHEST`` times the median
+distance apart, since one of the systems has probably lost the joint.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
-"""Weights of the prior that offsets are zero, in frames: a prior of 300 counts as much as 300 of the frames that are
+"""Weights, in frames, of the prior that offsets are zero: a prior of 300 counts as much as 300 of the frames that are
 used (see ``MOST_FRAMES``). The rotation of the frame comes from a fit with ``TURN_PRIOR_FRAMES``, which suits offsets
-of some millimetres. Markers also slide on the skin with the posture, which looks like a shift of the frame; therefore
-the frame's position comes from a fit with ``SHIFT_PRIOR_FRAMES``. In 26 simulated laboratories (suite ``laboratory`` of
-``benchmarks/run.py``), one value for both fits gave root-mean-square errors of the frame of 0.15 degrees and 2 mm, or
-of 0.2 degrees and 1 mm; two values give 0.15 degrees and 1 mm.
+of some millimetres. When the posture changes, markers also slide with the skin, which looks like a shift of the frame;
+therefore the frame's position comes from a fit with ``SHIFT_PRIOR_FRAMES``. In 26 simulated laboratories (suite
+``laboratory`` of ``benchmarks/run.py``), a single weight for both fits gave root-mean-square errors of the frame of
+0.15 degrees and 2 mm, or of 0.2 degrees and 1 mm; two weights give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
-"""Length in m that is added to a joint's sigma in quadrature. It covers errors of the reference and too small sigmas.
+"""Length in m that is added to a joint's sigma in quadrature. It allows for errors of the reference, and for stated
+sigmas that are too small.
 """
 
 MOST_FRAMES: Final = 1000
@@ -80,7 +81,8 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
     """Return the axes (n, 21, 3, 3) of each joint's segment, as columns x, y, z; position_m (n, 21, 3), NaN where
     unknown.
 
-    A limb's axes are those of pelvis or trunk, turned by the smallest angle that brings -y (foot: x) along the limb.
+    A limb's axes are the axes of pelvis or trunk after the smallest rotation that aligns -y (for the foot, x) with the
+    limb.
     """
     points = {name: position_m[:, index].T for name, index in JOINT_INDEX.items()}
     base = {"pelvis": _columns(pelvis_axes(points)), "trunk": _columns(trunk_axes(points))}
@@ -128,8 +130,8 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference. Its rotation comes from a fit with a weak prior that offsets are zero, its position
-    from a fit with a strong one; see ``SHIFT_PRIOR_FRAMES``.
+    """Return T_world_reference. The rotation comes from a fit with a weak prior that offsets are zero, the position
+    from a fit with a strong prior; see ``SHIFT_PRIOR_FRAMES``.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -192,8 +194,9 @@ def _step(
     """Return the rotation vector and shift of the frame, and the change of the offsets (j, 3).
 
     left (k, 3): differences between both systems' points that the present fit leaves; lever (k, 3): the reference's
-    points relative to their centre; own (k, 3, 3): segment axes; use: index (k,) of each point's offset, weight (k,) of
-    each point, and weight of the prior of each offset. If ``frame_too`` is False, only offsets change.
+    points relative to their centre; own (k, 3, 3): segment axes; use: a tuple with the index (k,) of each point's
+    offset, the weight (k,) of each point, and the weight of the prior of each offset. If ``frame_too`` is False, only
+    offsets change.
     """
     (column, weight, prior), count = use, len(offset)
     jacobian = np.zeros((len(left), 3, 6))

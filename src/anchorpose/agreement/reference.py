@@ -66,7 +66,7 @@ class Marking:
 
     centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
     of the markers on the left ASIS, right ASIS, left PSIS and right PSIS (front and back spines of the pelvis); None if
-    one is missing. thighs: labels of the markers on the ``Left`` and the ``Right`` thigh.
+    one of the four is missing. thighs: labels of the markers on the ``Left`` and the ``Right`` thigh.
     """
 
     centres: dict[str, str]
@@ -105,7 +105,7 @@ def known_marking(labels: tuple[str, ...]) -> Marking:
     return Marking(
         centres=centres,
         midpoints=midpoints,
-        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four texts if all are known
+        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four strings if all are known
         thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
     )
 
@@ -149,22 +149,22 @@ def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str
 
 
 LEAST_SWING: Final = 0.02
-"""Minimum ratio of the smallest to the largest singular value in ``functional_centre``. Below it, the thigh moved in
-one plane or hardly at all, so the centre is undetermined along one direction.
+"""Minimum ratio of the smallest to the largest singular value in ``functional_centre``. With a smaller ratio, the thigh
+moved in one plane or hardly at all, so the centre is undetermined along one direction.
 """
 
 
 FARTHEST_M: Final = 0.04
 """Maximum distance in metres of the functional hip centre from the centre given by the regression, which is accurate to
-15 mm. If the distance is larger, the markers moved with the skin over the bone: in a recording of walking (ezc3d's
+15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking (ezc3d's
 example of Qualisys), the functional centres of both hips were 67 mm away.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreTrack:
-    """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: by joint,
-    a text on how its centre was found, None for a joint that was not found.
+    """Joint centres over time: position_m (t, 21, 3) in the other system's frame, NaN where missing; origin: for each
+    joint, a text on how its centre was found, None for a joint that was not found.
     """
 
     position_m: np.ndarray
@@ -178,7 +178,7 @@ class CentreTrack:
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
     """Compute all joint centres that the labels determine. hip: method for hip centres without a label; raises
-    InputError if it cannot be used.
+    InputError if this method cannot be used.
     """
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
     origin: list[str | None] = [None] * JOINT_COUNT
@@ -219,7 +219,7 @@ def pelvis_frame(
     """Return the axes (t, 3, 3), columns x forward, y up, z right; the origin (t, 3) midway between the two ASIS; and
     the width and depth of the pelvis in m.
 
-    All inputs (t, 3). Width and depth are medians over the recording, since a bone does not change.
+    All inputs are positions (t, 3). Width and depth are medians over the recording, since a bone does not change.
     """
     middle, behind = 0.5 * (left_asis + right_asis), 0.5 * (left_psis + right_psis)
     z = unit(right_asis - left_asis)
@@ -287,7 +287,9 @@ def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
 
 
 def other_side(name: str) -> str:
-    """Return the name of the same joint or angle of the other side; the name itself where it has no side."""
+    """Return the name of the same joint or angle on the other side of the body; a name without a side is returned
+    unchanged.
+    """
     for left, right in ((*SIDES.values(),), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
@@ -349,7 +351,7 @@ def read_reference(
 
 
 def exchanged(reference: Reference) -> Reference:
-    """Return the same recording with the names of left and right joints and angles exchanged."""
+    """Return the recording with the names of left and right joints and angles exchanged."""
     angles = tuple(other_side(name) for name in reference.angles)
     return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 

@@ -51,7 +51,7 @@ class Reliability:
     why: str | None = None
 
     def without(self, why: str) -> Reliability:
-        """Return the row of the same measure without values; why: the reason."""
+        """Return a row for the same measure without values; why: the reason why values are missing."""
         about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
         return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
@@ -72,11 +72,11 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by statsmodels would solve
-    for one unknown per subject, which takes gigabytes for some thousand subjects.
+    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by statsmodels, by contrast,
+    would solve for one unknown per subject, which takes gigabytes for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # without this, squares of values with a large mean would lose digits
+    centred = values - values.mean()  # squares of values with a large mean would lose digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(
@@ -135,7 +135,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # exceeded by 5 % of differences between measurements of one value
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # 5 % of differences between repeats are larger
     )
 
 
@@ -154,8 +154,8 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Minimum ratio between the values of two sessions at which they are taken to be in different units, such as metres and
-centimetres, since no person changes by this ratio.
+"""Minimum ratio between the values of two sessions at which the values are taken to be in different units, such as
+metres and centimetres, since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
@@ -182,8 +182,9 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from the
-    others by a factor of ``OTHER_UNIT`` or more; None if there is none. grid (subjects, repeats): the values.
+    """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from
+    those of the other sessions by a factor of ``OTHER_UNIT`` or more; None if no values do. grid (subjects, repeats):
+    the values.
 
     A single value may be near zero without an error. So values in too large a unit are searched for only where all
     values of a session are small.

@@ -2,9 +2,9 @@
 
 The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of simultaneous values (one per system)
 of a quantity that changes from pair to pair: the variance of a difference between the systems is the variance within a
-unit plus that between units, both from a one-way analysis of variance. A unit is a subject or, with few subjects, a
-stretch of a recording. Confidence intervals are computed by the method of variance estimates recovery: Zou 2013
-(doi:10.1177/0962280211402548).
+unit plus the variance between units, both from a one-way analysis of variance. A unit is a subject or, with few
+subjects, a stretch of a recording. Confidence intervals are computed by the method of variance estimates recovery: Zou
+2013 (doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Minimum number of subjects at which each subject is a unit, and of units at which confidence intervals are given:
-with fewer units, an interval would be too wide to be of use.
+"""Minimum number of subjects for which each subject counts as a unit, and minimum number of units for confidence
+intervals: with fewer units, an interval would be too wide to be of use.
 """
 
 CONFIDENCE: Final = 0.95
@@ -128,7 +128,7 @@ def _intervals(
 
 
 def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
-    """Return the standard error of the bias. Units are independent, but differences within one unit are not."""
+    """Return the standard error of the bias. Units are independent, but differences within a unit are correlated."""
     share = size / size.sum()
     units = len(mean)
     return float(np.sqrt(units / (units - 1.0) * (share**2 * (mean - bias) ** 2).sum()))
@@ -136,7 +136,7 @@ def _sigma_of_bias(mean: np.ndarray, size: np.ndarray, bias: float) -> float:
 
 def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple[float, float]:
     """Return the 95 % interval of ``variance``, a sum of independent variances, computed from the interval of each
-    summand. parts: each summand with its degrees of freedom.
+    summand. parts: each summand and its degrees of freedom.
     """
     below, above = 0.0, 0.0
     for part, freedom in parts:
@@ -157,7 +157,7 @@ LEVELS: Final = np.linspace(0.05, 0.95, 19)
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
-    It is 1 where both curves coincide; offsets and gains between them lower it. It is None for fewer than
+    The CMC is 1 where both curves coincide; offsets and gains between the curves lower it. It is None for fewer than
     ``LEAST_SAMPLES`` samples, and where the curves differ by more than they vary: the CMC would be the root of a
     negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
     """
@@ -178,8 +178,9 @@ def calibration_error(error: np.ndarray, sigma: np.ndarray) -> float:
     """Return the expected calibration error: the mean absolute difference between observed and nominal shares of errors
     that lie in central intervals.
 
-    error, sigma (n,). It is 0 where sigma is right at all of ``LEVELS``, and 0.5 where it is always far too small or
-    far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central intervals.
+    error, sigma (n,). The calibration error is 0 where sigma is right at all of ``LEVELS``, and 0.5 where sigma is
+    always far too small or far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and
+    central intervals.
     """
     within = np.abs(error / sigma)[None] <= stats.norm.ppf(0.5 + LEVELS / 2.0)[:, None]
     return float(np.abs(within.mean(axis=1) - LEVELS).mean())

@@ -92,7 +92,7 @@ def _title(row: Agreement) -> str:
 
 def _difference_cells(row: Agreement) -> tuple[str, list[str]]:
     bias, limits = _number(row.bias), _span(row.lower, row.upper)
-    if row.bias_low is not None:  # then the limits of agreement have intervals as well
+    if row.bias_low is not None:  # if the bias has an interval, the limits of agreement have intervals, too
         bias += f" ({_span(row.bias_low, row.bias_high)})"
         limits += f" ({_span(row.lower_low, row.lower_high)}; {_span(row.upper_low, row.upper_high)})"
     return _title(row), [
@@ -140,7 +140,8 @@ class Plot:
 
 
 MOST_POINTS: Final = 400
-"""For a plot, a long recording is thinned to one to two times this number of points; more would hide each other."""
+"""For a plot, a long recording is thinned to one to two times this number of points; more points would hide each other.
+"""
 
 
 def difference_plot(series: Sequence[Compared], row: Agreement) -> Markup:
@@ -260,8 +261,8 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Write all files of a comparison into a new folder, or over those of an earlier comparison; raises the errors of
-    ``check_results_path``.
+    """Write all files of a comparison into a new folder, or over the files of an earlier comparison; raises the errors
+    of ``check_results_path``.
     """
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)

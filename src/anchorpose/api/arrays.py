@@ -1,4 +1,4 @@
-"""Hold a recording in memory, as cameras with depth images in metres, and write it as a recording folder."""
+"""Hold a recording (cameras with depth images in metres) in memory, and write it as a recording folder."""
 
 from __future__ import annotations
 
@@ -110,7 +110,8 @@ class DepthImages(Setup):
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Convert a depth image in metres to grey values (height, width) uint16, the form of the camera's files.
 
-    Raises AnchorposeError if the shape is not that of the camera, or a reading is negative or too large for the format.
+    Raises AnchorposeError if the shape differs from the camera's image size, or if a reading is negative or too large
+    for the format.
     """
     depth = np.asarray(depth_m)
     if depth.shape != (camera.height, camera.width):

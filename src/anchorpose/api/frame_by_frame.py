@@ -1,6 +1,6 @@
 """Track frame by frame: take depth images while they arrive, and return the joints in each frame.
 
-The first seconds are analysed before tracking starts, as in ``anchorpose live``: they determine clocks and camera
+As in ``anchorpose live``, the first seconds are analysed before tracking starts. They determine clocks and camera
 poses, the room, the patient and the patient's body. Until tracking starts, all images are kept in a temporary folder.
 """
 
@@ -103,7 +103,7 @@ class Tracker:
         """Make a tracker. cameras: the cameras whose images will be given, or a recording folder whose cameras, patient
         and equipment are used.
 
-        subject, equipment (an equipment.json) and empty_room_m: what is known before tracking, as in ``Setup``.
+        subject, equipment (an equipment.json) and empty_room_m: knowledge about patient and room, as in ``Setup``.
         start_s: seconds of the first part, from which the body is learnt. Raises InputError if an argument is wrong.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
@@ -147,9 +147,9 @@ class Tracker:
         reason).
 
         depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
-        missing camera has no image in this frame. time_s: later than that of the previous frame. The step that ends the
-        first seconds also learns the body, so it takes much longer. Raises AnchorposeError if an argument does not
-        fit.
+        missing camera has no image in this frame. time_s: time of the frame, later than the time of the previous frame.
+        The step that ends the first seconds also learns the body, so it takes much longer. Raises AnchorposeError if an
+        argument does not fit the cameras or the previous frames.
         """
         if not time_s > self._last_s:
             raise AnchorposeError(f"The frame at {time_s:g} s is not later than the one before; give increasing times.")
@@ -175,8 +175,8 @@ class Tracker:
         self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
-        """Store a frame of the first seconds, and return None. At their end, learn from them and return the newest
-        estimate, or None if the patient is not found.
+        """Store a frame of the first seconds, and return None. At the end of the first seconds, learn from their frames
+        and return the newest estimate, or None if the patient is not found.
         """
         self._began_s = time_s if np.isnan(self._began_s) else self._began_s
         for writer, grey in zip(self._writers, greys, strict=True):
@@ -221,7 +221,7 @@ class Tracker:
 
     def _follow(self, follower: Follower, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
         room = follower.run.room
-        cameras = room.recording.cameras  # without those that were not seen, or covered, in the first seconds
+        cameras = room.recording.cameras  # without cameras that gave no usable image in the first seconds
         own = [greys[place] for place in places_of(cameras, self._setup.cameras)]
         frame_set = frame_set_of_greys(self._frame, time_s, cameras, own, [time_s] * len(cameras))
         newest = list(follower.step(without_other_places(frame_set, room.scenes)))

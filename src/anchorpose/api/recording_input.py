@@ -1,5 +1,5 @@
-"""Turn the path that a caller gives into a recording: a recording folder is used as it is, a recorder's file is
-converted.
+"""Turn the path that a caller gives into a recording: a recording folder is used as it is; the file of another
+recording program (recorder) is converted.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ Progress = Callable[[int, int | None], None]
 
 
 class Watcher:
-    """A listener to progress and notes that ignores both. The command line has a subclass that draws bars and prints
-    notes.
+    """A receiver of progress and notes that ignores both. The command line has a subclass that draws progress bars and
+    prints notes.
 
     how_to_resume: advice in the message of a stopped run. If it is None, the message advises repeating the command with
     --resume.
@@ -23,8 +23,8 @@ class Watcher:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context manager for one piece of work, named by ``on``. It yields a function that the work calls
-        with (done, total); total is None while unknown.
+        """Return a context manager for one piece of work, named by ``on``. The context manager yields a function that
+        the work calls with (done, total); total is None while unknown.
 
         at_once: whether the work is shown at once; if False, it is shown from the first call on.
         """

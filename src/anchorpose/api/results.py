@@ -29,13 +29,14 @@ EVEN: Final = 0.01  # frames count as evenly spaced if their intervals differ by
 class Results:
     """A results folder. Every table is read when it is used; missing values are NaN or None, and are never filled in.
 
-    folder: its path. If ``track`` was called without a folder, the folder exists as long as this object lives.
+    folder: the path of the results. If ``track`` was called without a folder, this is a temporary folder that exists as
+    long as this object lives.
     """
 
     folder: Path
 
     def __init__(self, folder: Path, kept: TemporaryDirectory[str] | None = None) -> None:
-        """Open a results folder; raises InputError if it has no results."""
+        """Open a results folder; raises InputError if the folder has no results."""
         self.folder, self._kept = folder, kept
         if not (folder / RUN_FILE).is_file():
             raise InputError(folder, "is not a results folder", "give a folder that 'anchorpose track' has written")

@@ -14,7 +14,9 @@ from anchorpose.tracker.config import TrackConfig
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of tracking, with the names and meanings of the options of ``anchorpose track``; None: not given."""
+    """Options of tracking, with the names and meanings of the options of ``anchorpose track``; None means that an
+    option is not given.
+    """
 
     config: TrackConfig | None = None
     calibration: Path | str | None = None

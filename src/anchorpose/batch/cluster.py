@@ -1,6 +1,6 @@
 """Run many independent jobs on worker processes of this machine, of a running dask scheduler, or of SLURM.
 
-A job that fails, or kills its worker, does not affect other jobs.
+A job that fails or makes its worker crash does not affect other jobs.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
 # maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
-# it is probably the cause: it may need too much memory
+# the job is probably the cause: it may need too much memory
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -78,7 +78,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     import distributed  # noqa: F401 before ``dask.config.set``, whose end would drop the defaults that the import sets
 
     with dask.config.set(SCHEDULING):
-        logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; why a job failed is part of its outcome
+        logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; a job's outcome states why it failed
         if place.scheduler is None:
             with _client_of(_local(min(place.workers or cores(), jobs))) as client:
                 yield client
@@ -94,8 +94,8 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
 def _client_of(cluster: Any) -> Iterator[Client]:
     """Yield a client of a cluster that this process started, and close both at the end.
 
-    A worker that is being restarted may keep the cluster from closing in time. This is ignored: all outcomes are known
-    by then, and the workers end with this process.
+    A worker that is being restarted may keep the cluster from closing in time. An error of this kind is ignored: all
+    outcomes are known by then, and the workers end with this process.
     """
     from distributed import Client
 
@@ -129,7 +129,7 @@ def _local(workers: int) -> Any:
         processes=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
-        memory_limit=0,  # no limit: a worker holds no data, its child processes do
+        memory_limit=0,  # no limit, since not the worker but its child processes hold data
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -161,7 +161,7 @@ KILLED: Final = (
 @dataclass(frozen=True, slots=True)
 class Job:
     """A call to be made in a child process. call: a function that can be pickled by its name; its return value is
-    ignored, since its results are files. log: file for what it prints.
+    ignored, since its results are files. log: file for the output that the call prints.
     """
 
     name: str
@@ -190,7 +190,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
     """Run the jobs and yield their outcomes. At most as many jobs are submitted at once as workers have threads, since
-    the death of a worker also counts as a failure of jobs that wait on it.
+    the death of a worker also counts as a failure of the jobs that wait on this worker.
 
     A future is released once its outcome is known. The scheduler then forgets the job, and does not repeat it if its
     worker dies later.
@@ -221,7 +221,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Return why the scheduler gave up a job; None if it has an outcome."""
+    """Return why the scheduler gave up a job; None if the job has an outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

@@ -1,8 +1,8 @@
 """Find the sessions of a batch (the recordings to track), and name the results folder of each.
 
 The user lists recordings one by one, by folder, by pattern, or in a table with one row per recording. ``batch.json`` in
-the folder of a batch keeps the session name of each recording over all calls, so that a name is never reused for
-another recording.
+the folder of a batch keeps the session name of each recording over all calls, so that no name is used again for another
+recording.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Session:
 
     @property
     def place(self) -> Path | None:
-        """Return the absolute path of the recording; None if it is at an address."""
+        """Return the absolute path of the recording; None if the recording is at an address."""
         return None if isinstance(self.recording, str) else self.recording.resolve()
 
     @property
@@ -78,7 +78,8 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; only those from a table can have a name so far.
+    """Find the sessions that a user lists, in the order given; at this stage, only sessions from a table can have a
+    name.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: options of all sessions; a row of a table overrides them.
@@ -110,7 +111,8 @@ def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
 
 def _recordings_in(path: Path) -> list[Path]:
     """Return all recordings below a folder; the path itself if it is a recording, a file, or a folder without
-    recordings. Whether a file or such a folder can be read is found out later, by the readers of recorders' files.
+    recordings. Whether a file or a folder without recordings can be read is found out later, by the readers of
+    recorders' files.
     """
     if not path.is_dir() or (path / RECORDING_FILE).is_file():
         return [path]
@@ -189,8 +191,9 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Return whether both entries are the same recording. Either the paths are equal, and so are the marks if both
-        are known; or the marks are equal and this entry's path no longer exists, since the recording was moved.
+        """Return whether both entries are the same recording. They are if their paths are equal and their marks are
+        equal, or a mark is unknown. They also are if their marks are equal and this entry's path does not exist any
+        more, since the recording was moved.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:
@@ -245,8 +248,8 @@ def _write(path: Path, named: Sequence[NamedRecording]) -> None:
 
 
 def _named(sessions: Sequence[Session], before: Sequence[NamedRecording], out: Path) -> tuple[NamedRecording, ...]:
-    """Return an entry of batch.json per session. A session's name is the one in the user's table, else the name from an
-    earlier call, else the shortest name that is free.
+    """Return an entry of batch.json per session. A session's name is taken from the user's table, else from an earlier
+    call, else it is the shortest free name.
     """
     own = [NamedRecording("", each.shown, each.subject, _mark_of(each.place)) for each in sessions]
     names = [_given(each) or _earlier(one, before) for each, one in zip(sessions, own, strict=True)]
@@ -278,7 +281,7 @@ def _require_own(
 
 
 def _given(session: Session) -> str | None:
-    """Return the name from the user's table; raises InputError if no folder can have it."""
+    """Return the name from the user's table; raises InputError if no folder can have this name."""
     name = _clean(session.name)
     if len(name.encode()) > LONGEST_NAME:
         problem = f"has a name of {len(name.encode())} bytes ({name[:20]}...)"
@@ -292,8 +295,8 @@ def _earlier(one: NamedRecording, before: Sequence[NamedRecording]) -> str | Non
 
 
 def _free(session: Session, sessions: Sequence[Session], taken: dict[str, NamedRecording]) -> str:
-    """Return a free name: that of the recording's folder, preceded by as many parent folders as needed, or followed by
-    a number.
+    """Return a free name: the name of the recording's folder, preceded by as many parent folders as needed, or followed
+    by a number.
     """
     parts = session.parts
     ends = ["-".join(parts[-count:]) for count in range(1, len(parts) + 1)]
@@ -319,7 +322,7 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a key that is equal for names that some systems take for the same file (capitals, forms of accents)."""
+    """Return a key that is equal for names that some systems do not distinguish (capitals, forms of accents)."""
     return unicodedata.normalize("NFC", name.casefold())
 
 

@@ -44,8 +44,8 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """The row of a session in the table. state: one of ``STATES``; why: a sentence on why it failed, if it failed. The
-    fields from ``frames`` on are None unless the session is done.
+    """The row of a session in the table. state: one of ``STATES``; why: if the session failed, a sentence on the
+    reason. The fields from ``frames`` on are None unless the session is done.
 
     length_s: time from the first frame to the last. The shares (observed, inferred, lost) refer to all joints in all
     frames. work_s: computing time of tracking, as in run.json.
@@ -97,14 +97,18 @@ MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
-    """Store the outcome of a session in a file beside its log. A later summary reads from it why the session failed."""
+    """Store the outcome of a session in a file beside its log. A later summary reads from this file why the session
+    failed.
+    """
     path = _outcome_file(out, outcome.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text_whole(path, json.dumps({"why": outcome.why, "seconds": round(outcome.seconds, 1)}) + "\n")
 
 
 def require_places(out: Path, sessions: Sequence[Session]) -> None:
-    """Raise InputError if a path that the batch will write is a link, a file in place of a folder, or the reverse."""
+    """Raise InputError if a path that the batch will write is a link, a file where a folder is needed, or a folder
+    where a file is needed.
+    """
     for name in (RESULTS_FOLDER, LOGS_FOLDER):
         if (out / name).is_symlink() or (is_there(out / name) and not (out / name).is_dir()):
             raise InputError(out / name, "is a link, or no folder", MOVE_AWAY)
@@ -124,8 +128,8 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
-    A session that failed in its last run counts as failed, whatever results exist. outcomes: by name of each session
-    that has just run, why it failed, None if it did not fail.
+    A session that failed in its last run counts as failed, whatever results exist. outcomes: for each session that has
+    just run, by name, why the session failed; None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -141,7 +145,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Return why a session failed in its last run; None if it did not fail or has not run."""
+    """Return why a session failed in its last run; None if the session did not fail or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -180,7 +184,9 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session that are not about a single person; empty if the session was not measured."""
+    """Return the measures of a session, except those that refer to one other person; empty if the session was not
+    measured.
+    """
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()
 

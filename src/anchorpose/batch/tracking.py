@@ -47,7 +47,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track only session number ``index``, counted from 0, and return its row: the task of one job of a job array."""
+    """Track only session number ``index``, counted from 0, and return its row. A job of a job array does this."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]
@@ -85,11 +85,12 @@ ENDING_S: Final = 30.0  # s, maximum wait for the child process of a killed work
 
 
 def track_session(session: Session, results: Path) -> bool:
-    """Track a session; the folder ``results`` appears when it is complete. Return False if it was complete before.
+    """Track a session; the folder ``results`` appears when tracking is complete. Return False if the results were
+    complete before.
 
-    A session is done if its ``run.json`` has the identity (hash) of its present inputs, settings, code and libraries.
+    A session is done if its ``run.json`` has the identity, a hash of the present inputs, settings, code and libraries.
     Results of another identity are replaced; an unfinished run is resumed if it has the same identity, else begun
-    again. Raises what ``anchorpose track`` raises.
+    again. Raises the same errors as ``anchorpose track``.
     """
     from anchorpose.api.recording_input import as_recording
     from anchorpose.cli.console import OnConsole

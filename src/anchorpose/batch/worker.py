@@ -1,13 +1,13 @@
 """Run a job in a child process of the scheduler's worker, and wait for it.
 
-The worker itself does none of the work, so a crash, a memory leak or a killed child does not affect it. If the worker
-is killed, its child ends too. The worker returns only an ``Outcome``; results are files, so none is lost if the worker
-is killed.
+The worker itself does none of the work, so a crash, a memory leak or a killed child does not affect the worker. If the
+worker is killed, its child ends too. The worker returns only an ``Outcome``; results are files, so no result is lost if
+the worker is killed.
 
 The child reads the work, a pickled call, from its standard input. Unpickling it adds no risk: anyone who may submit a
 job to dask can run anything on its workers. Nothing is unpickled from a disk. The input stays open as long as the
-worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. What it has stored so
-far is kept, so the work can be resumed elsewhere.
+worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. Data that the child has
+stored so far are kept, so the work can be resumed elsewhere.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class Outcome:
 
 
 _running: dict[str, list[subprocess.Popen[bytes]]] = {}  # by group of jobs, the children that run on this worker
-_stopped: set[str] = set()  # groups of jobs of which no more children may start
+_stopped: set[str] = set()  # groups of jobs that may start no more children
 
 
 def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
     """Run a pickled call in a child process with one thread.
 
-    log: the file to which its output is appended, None to discard it. group: a text that is equal for jobs that are
-    stopped together.
+    log: the file to which the child's output is appended, None to discard the output. group: a text that is equal for
+    jobs that are stopped together.
     """
     begin = time.monotonic()
     with TemporaryDirectory(prefix="anchorpose-") as folder:
@@ -124,7 +124,7 @@ def _last_line(output: Path) -> str:
 
 
 def do_work() -> int:
-    """In the child: run the call that standard input holds, and return the exit code of the child."""
+    """Run, in the child, the call that standard input holds, and return the child's exit code."""
     from anchorpose.cli import exit_code_of
 
     call = pickle.load(sys.stdin.buffer)

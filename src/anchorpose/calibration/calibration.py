@@ -39,7 +39,8 @@ class PoseFigure:
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
     """The record of a camera's pose. sigma_m: standard deviation of the equipment's position relative to the camera
-    (for a pose from markers: of the camera's position); sigma_rad: that of the camera's rotation; None if unknown.
+    (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the camera's rotation; both
+    are None if unknown.
     """
 
     camera: str
@@ -51,8 +52,9 @@ class PoseRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
-    """How well a camera sees the floor: the camera's name, the root-mean-square distance of floor readings from the
-    fitted plane, the share of all readings that lie on it, the angle between the plane's normal and Y of the world.
+    """The fit of the floor plane to one camera's readings: the camera's name, the root-mean-square distance of floor
+    readings from the plane, the share of all readings that lie on the plane, the angle between the plane's normal and Y
+    of the world.
     """
 
     camera: str
@@ -89,7 +91,7 @@ class Calibration:
     """The calibrated cameras. cameras: all cameras, each with a pose; floor_height_m: Y of the floor in the world, None
     if no camera sees it; notes: assumptions, one sentence each, for the run's report; poses: one record per camera;
     doubts: one per contradiction between a pose and what the cameras see; displaced_m: measured distance between the
-    places at which different cameras show the patient; it is included in every joint's sigma.
+    places at which different cameras show the patient; this distance is included in every joint's sigma.
     """
 
     cameras: tuple[Camera, ...]

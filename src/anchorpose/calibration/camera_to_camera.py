@@ -1,4 +1,4 @@
-"""Find the poses of cameras relative to each other where only people and the floor are known.
+"""Find the poses of cameras relative to each other from the floor and the people that they see.
 
 The floor that a camera sees gives the camera's tilt and height. The rotation about the vertical and the shift over the
 floor come from the people that two cameras see: first from people's places over time (``search_ground``), then from
@@ -39,12 +39,12 @@ LEAST_COMMON: Final = 0.3
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation between two cameras: 0.3 degrees
-# factors on these limits while the clocks are known only to 50 ms: on that of the residual, and on those of the sigmas
+# factors by which the limits of the residual and of the sigmas are multiplied while the clocks are known only to 50 ms
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
 DISTINCT_M: Final = 0.05  # m; if an accepted placement is farther from the best one, the choice is ambiguous
 
 CELL_M: Final = 0.1
-MAPPED_MOMENTS: Final = 12  # number of moments of which maps of the ground are made; more moments add nothing
+MAPPED_MOMENTS: Final = 12  # number of moments for which maps of the ground are made; more moments do not help
 REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; few readings are farther away
 BLUR_M: Final = (
     0.12  # m, sigma of the maps' Gaussian blur; it makes different sides of a body, as two cameras see them, overlap
@@ -57,15 +57,15 @@ APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less 
 
 @settings
 class PlacingConfig:
-    """Settings of how cameras without poses are placed relative to each other by the people they see."""
+    """Settings for placing cameras without poses relative to each other, by means of the people that they see."""
 
-    moments: Count = 24  # number of moments compared, spread over the recording so that people move in between
+    moments: Count = 24  # number of moments compared, spread over the recording so that people move between them
     step_px: Count = 3  # pixels; every third pixel of every third row is compared
 
 
 class NoCameraToCamera(StrEnum):
-    """The reason why cameras could not be placed relative to each other. It is a result and not an error: in an empty
-    room, there are no people to compare.
+    """The reason why cameras could not be placed relative to each other. Such a reason is a result and not an error: an
+    empty room, for example, shows no people to compare.
     """
 
     NO_FLOOR = "a camera sees no floor"
@@ -102,8 +102,8 @@ def find_camera_to_camera(
     """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
 
     floors: one per camera. A camera whose view shares too little with the first camera's is placed relative to another
-    placed camera. rough_clocks: whether the clocks are known only to 50 ms. Then worse fits are accepted, since the
-    poses found then serve only to compare the clocks.
+    placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted, since the
+    poses found serve only to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
     if len(planes) < len(floors):
@@ -160,7 +160,7 @@ def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
 
 
 def _place(first: LevelView, second: LevelView, rough_clocks: bool) -> SurfaceFit | NoCameraToCamera:
-    """Place the second camera relative to the first, or return why this is impossible."""
+    """Place the second camera relative to the first, or return the reason why no placement is accepted."""
     to_first = invert_rigid(first.T_level_camera)
     fits = [
         fit
@@ -201,7 +201,8 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
     spectra = rfft2(maps, s=(size, size))
-    # the last map is the room's; its weight is half of that of all maps of people together, so that people count more
+    # the last map is the room's; its weight is half of the weight of all maps of people together, so that people count
+    # more
     weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])
     found: list[tuple[float, float, float, float]] = []
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:

@@ -1,10 +1,10 @@
 """Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
 
-Cameras see different sides of a body, so a movement looks larger to one than to another, but they see it at the same
-time. The signal of motion is the change of depth, summed separately in each band of height above the floor. It needs
-neither poses, nor a background, nor a detection of people. But lags from signals are off by 10 to 60 ms, because
-cameras on different sides see different parts of a movement. Lags from surfaces are precise, but without signals every
-possible lag would have to be tried on full depth frames.
+Cameras see different sides of a body, so a movement looks larger in one camera than in another, but all cameras see it
+at the same time. The signal of motion is the change of depth, summed separately in each band of height above the floor.
+This signal needs neither poses, nor a background, nor a detection of people. But lags from signals are off by 10 to 60
+ms, because cameras on different sides see different parts of a movement. Lags from surfaces are precise, but without
+signals every possible lag would have to be tried on full depth frames.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from anchorpose.recording.depth_image import RecordedFrames
 
 # m, edges of the height bands; the floor is below them, and nobody reaches above them
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m; a larger change of depth from a frame to the next but one is reduced to this: another surface has appeared
+# m; a larger change of depth from a frame to the next but one means that another surface appeared: it is cut to this
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
@@ -37,13 +37,13 @@ PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the corre
 # minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
 LEAST_PEAK: Final = 0.4
 CERTAIN_LEAD: Final = 2.0  # a lag whose peak is this many times the second-highest needs no check by surfaces
-PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if none is certain
+PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if no peak is certain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSignal:
     """A camera's motion over time. time_s (n,): times on its clock; speed (n, bands): for each band of height, square
-    root of the sum of (area times rate of change of depth) over its pixels.
+    root of the sum of (area times rate of change of depth) over the band's pixels.
     """
 
     time_s: np.ndarray
@@ -52,8 +52,9 @@ class MotionSignal:
 
 @dataclass(frozen=True, slots=True)
 class SignalLag:
-    """A lag by signals. lag_s: the second clock minus the first at the same moment; peak: correlation at this lag;
-    second: highest correlation at a lag that belongs to another peak.
+    """A lag between two clocks, estimated from their cameras' signals of motion. lag_s: the second clock minus the
+    first at the same moment; peak: correlation at this lag; second: highest correlation at a lag that belongs to
+    another peak.
     """
 
     lag_s: float
@@ -88,10 +89,10 @@ def motion_signal(
 
 
 def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reach_s: float) -> tuple[SignalLag, ...]:
-    """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best, the best first.
+    """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best; the best lag comes first.
 
-    The correlation is computed over all bands together, so that bands with little movement have little weight. It is
-    computed in steps of half a frame's period; a parabola through three neighbouring values gives the peak.
+    The correlation is computed over all bands together, so that bands with little movement have little weight. Lags are
+    tried in steps of half a frame's period; a parabola through three neighbouring values gives the peak.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
@@ -147,13 +148,13 @@ def _vertex(score: np.ndarray, best: int) -> float:
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # maximum number of frames in memory; those of a Kinect v2 take 260 MB
+FRAMES_KEPT: Final = 300  # maximum number of frames in memory; for a Kinect v2, these take 260 MB
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block, the frames from which one signal of motion is computed; people make several movements in it
+# s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
 BLOCK_S: Final = 12.0
-BLOCKS: Final = 3  # number of blocks of which signals are compared, those with most movement first
-WINDOW_S: Final = 2.0  # s, duration of a window from whose frames surfaces are compared
+BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
+WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras
 REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of this
 # s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
 SYSTEMATIC_S: Final = 0.001
@@ -171,8 +172,8 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(slots=True, eq=False)
 class FrameCache:
-    """A reader of depth frames on demand. It keeps the frames read last in memory, since windows of a short recording
-    overlap, and counts the frames read.
+    """A reader of depth frames on demand. It counts the frames read, and keeps the latest of them in memory, since
+    windows of a short recording overlap.
     """
 
     source: RecordedFrames
@@ -206,8 +207,8 @@ class FrameCache:
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus that of ``first``, at the reference
-    time at_s.
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, at the
+    reference time at_s.
     """
 
     first: int
@@ -220,7 +221,7 @@ class PairLag:
 @dataclass(frozen=True, slots=True)
 class RoughLag:
     """A rough lag. lag_s: the camera's clock minus the reference clock at about the reference time at_s, correct within
-    ``REACH_S``; certain: True if it needs no check by surfaces.
+    ``REACH_S``; certain: True if the lag need not be checked by comparing surfaces.
     """
 
     lag_s: float
@@ -249,8 +250,8 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
 
 
 def _motion(frames: FrameCache, time_s: float) -> float:
-    """Return the sum of area times change of depth (m^3) between two frames of the reference camera; -1 if a frame is
-    missing.
+    """Return the amount of movement (m^3) between two frames of the reference camera: the sum of area times change of
+    depth; -1 if a frame is missing.
     """
     times_s = frames.times_s[0]
     first, last = np.clip(np.searchsorted(times_s, [time_s, time_s + APART_S]), 0, len(times_s) - 1)
@@ -271,7 +272,8 @@ def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
-    decide among its best lags. If a certain lag contradicts the time stamps, surfaces decide between the two.
+    decide among its best lags. If a certain lag contradicts the time stamps, surfaces decide between lag and time
+    stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -316,8 +318,8 @@ def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return (lag, largest error) pairs to search around: one for clocks that share an epoch, unless their times hardly
-    overlap, and one for recorders that were started together.
+    """Return the lags around which to search, each with its largest error: one lag for clocks that share an epoch,
+    unless their times hardly overlap, and one for recorders that were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -368,8 +370,8 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lag of each pair of posed cameras in each window in which it can be measured. Each is stored relative
-    to the pair's rough lag: if times count from 1970, the full lag may be so large that it would lose digits.
+    """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
+    relative to the pair's rough lag: if times count from 1970, the full lag may be so large that it would lose digits.
     """
     lags = []
     for at_s in times_s:
@@ -389,8 +391,8 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
 
 
 def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None with too
-    few frames, without a rough lag or without a pose.
+    """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None if the
+    camera has too few frames, no rough lag or no pose.
     """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None

@@ -22,7 +22,7 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
 SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
 OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
-# number of frames from which a pixel's noise is computed, by a median; it is then known to a quarter of its value
+# number of frames from which a pixel's noise is computed, by a median; this gives the noise to a quarter of its value
 NOISE_FRAMES: Final = 16
 SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
 
@@ -63,9 +63,9 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
-    """A lag by surfaces. lag_s: the second clock minus the first at the same moment; sigma_s: its standard error;
-    points: number of residuals; misfit_m: root mean square of all residuals at this lag, where those above
-    ``SAME_SURFACE_M`` count as this value.
+    """A lag between two clocks, measured from surfaces that both cameras see. lag_s: the second clock minus the first
+    at the same moment; sigma_s: its standard error; points: number of residuals; misfit_m: root mean square of all
+    residuals at this lag, where residuals above ``SAME_SURFACE_M`` count as this value.
     """
 
     lag_s: float
@@ -91,9 +91,9 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
 
-    Evenly spaced lags are tried, and the best is refined by Newton steps. These minimise, by robust least squares, the
-    residuals of both clips' points, each compared with the other clip. The standard error takes into account that
-    errors within ``CHUNK_S`` are correlated.
+    Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise, by robust least
+    squares, the residuals of both clips' points, where each point is compared with the other clip. The standard error
+    takes into account that errors within ``CHUNK_S`` are correlated.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -118,8 +118,8 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): frame in the source, flat
-    pixel index and depth_m in the target; period_s: time between two frames of the target.
+    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): a point's frame in the
+    source, its flat pixel index and depth_m in the target; period_s: time between two frames of the target.
     """
 
     source: Clip
@@ -131,7 +131,7 @@ class _LookUp:
 
 
 def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """Return the mean of each pixel's neighbourhood if that lies on one surface, else the pixel's reading."""
+    """Return the mean depth of each pixel's neighbourhood if it lies on one surface, else the pixel's reading."""
     window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
     nearest = cv2.erode(depth_m, window)
     one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
@@ -199,9 +199,9 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for each point that both cameras see at this lag: its index; the target's depth minus its own (m); and
-    the rate of change of the target's depth (m/s), computed twice from four frames: from the outer two and from the
-    inner two.
+    """Return, for each point that both cameras see at this lag: its index; the target's depth minus the point's depth
+    (m); and the rate of change of the target's depth (m/s), computed twice from four frames: from the outer two and
+    from the inner two.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
     depths by the rate from the outer two: the rate from the inner two shares the noise of the interpolated depth, which
@@ -239,8 +239,9 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return three values of the sum of weight times rate times residual: its derivative by the lag; its parts, one per
-    chunk of time (``CHUNK_S``); and the number of residuals in it. At the true lag, the parts are uncorrelated.
+    """Return three values that describe the sum of weight times rate times residual: its derivative by the lag; its
+    parts, one per chunk of time (``CHUNK_S``); and the number of residuals in the sum. At the true lag, the parts are
+    uncorrelated.
     """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M

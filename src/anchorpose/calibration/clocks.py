@@ -1,8 +1,8 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-There are two steps. The amount of movement at each height (``clock_lags``) gives the lags, which may be several
-seconds, with an error of about a twentieth of a second; it needs no poses. If the poses are known, the surfaces that
-two cameras both see (``clock_surfaces``) then give the lag to a millisecond.
+First, the amount of movement at each height (``clock_lags``) gives the lags, which may be several seconds, with an
+error of about a twentieth of a second; this step needs no poses. If the poses are known, the surfaces that two cameras
+both see (``clock_surfaces``) then give the lag to a millisecond.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # maximum number of lags that are removed, one per round; no recording had more wrong lags
+ROUNDS: Final = 20  # maximum number of wrong lags that are removed from the fit, one per round; no recording had more
 OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that deviates more from the fitted clocks is removed
 
 
@@ -42,7 +42,7 @@ OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that deviates more from 
 class ClockFit:
     """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at the time at_s,
     and its drift, NaN if no lag links the camera to the first; covariance (cameras, 2, 2) of these two values; used:
-    the lags that were not removed; residual_s: root mean square of their residuals.
+    the lags that were not removed; residual_s: root mean square of the residuals of these lags.
     """
 
     at_s: float
@@ -106,7 +106,7 @@ def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarr
 
 
 def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
-    """Return (cameras,) bool: cameras linked to the first by lags, directly or through others."""
+    """Return (cameras,) bool: cameras linked to the first by lags, directly or through other cameras."""
     reached = np.arange(cameras) == 0
     for _ in range(cameras):
         for lag in lags:
@@ -122,7 +122,7 @@ CONFIRMING: Final = 4
 # minimum share of the compared windows that must give a lag, and of the lags that must agree with the fitted clocks
 AGREEING: Final = 0.75
 APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
-# s; if all clocks' sigmas are below this, no more windows are compared: in this time, a limb at 0.5 m/s moves 1 mm
+# s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
 # s, maximum accepted sigma of a clock at both ends of the recording: half of the largest time between paired frames at
@@ -134,7 +134,7 @@ FLOOR_FRAMES: Final = 9
 
 @settings
 class ClockConfig:
-    """Settings of how the clocks of several cameras are compared."""
+    """Settings for comparing the clocks of several cameras."""
 
     estimate: bool = True  # whether clocks are estimated; False = the time stamps are used unchanged
 
@@ -150,7 +150,9 @@ class ClockSource(StrEnum):
 
 
 class NoClock(StrEnum):
-    """The reason why a clock was not corrected. It is a result and not an error: in an empty room, nothing moves."""
+    """The reason why a clock was not corrected. Such a reason is a result and not an error: in an empty room, nothing
+    moves.
+    """
 
     SWITCHED_OFF = "clocks are not to be estimated"
     FEW_FRAMES = "too few depth frames"
@@ -160,8 +162,9 @@ class NoClock(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraClock:
-    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors of offset and drift, None if it
-    was kept; lags: number of lags measured with this camera; doubt: why it was kept, None if it was corrected.
+    """A camera's clock. clock: the clock to use; sigma_s, drift_sigma: standard errors of offset and drift, None if the
+    clock was kept as recorded; lags: number of lags measured with this camera; doubt: why the clock was kept, None if
+    it was corrected.
     """
 
     camera: str
@@ -193,7 +196,7 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
     """Return ``recording`` with all times on the first camera's clock; it must be given with its recorded time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
-    before and again after poses are found. A clock that cannot be estimated stays unchanged.
+    function before and again after poses are found. A clock that cannot be estimated stays unchanged.
     """
     frames = RecordedFrames(recording, tuple(cameras))
     wanted = config.estimate and len(cameras) > 1
@@ -228,7 +231,8 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
     """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
     levels: one per camera, as ``motion_signal`` needs it: the plane Y = 0 of the world for cameras with a pose, the
-    floor for others. If there is too little motion to estimate a clock, it is kept, and its ``doubt`` states why.
+    floor for other cameras. If the motion does not suffice to estimate a clock, the clock is kept, and its ``doubt``
+    states why.
     """
     count = len(source.cameras)
     if count == 1 or not config.estimate:
@@ -249,7 +253,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
     ):  # not confirmed: the time stamps are from different clocks, or too little moves in common view
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)
-        # a movement that repeats fits itself at other lags, too; surfaces then agree only at the right one
+        # a repeated movement also correlates at wrong lags; surfaces then agree only at the correct lag
         if _agreeing(others, count) >= _agreeing(lags, count):
             rough, lags = by_signals, others
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
@@ -273,7 +277,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
 
 def _agreeing(lags: Sequence[PairLag], count: int) -> int:
-    """Return how many lags agree with clocks that are fitted to them; 0 if they scatter, leave a camera without a
+    """Return how many lags agree with clocks that are fitted to them; 0 if the lags scatter, leave a camera without a
     clock, or lie near the end of the range in which they were searched.
     """
     fit = fit_clocks(lags, count) if lags else None
@@ -294,7 +298,9 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """Fit the clocks to the lags of the first windows; add windows until the clocks are accurate. None without lags."""
+    """Fit the clocks to the lags of the first windows; add windows until the clocks are accurate. Return None without
+    lags.
+    """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
         if fit is not None and _agree(fit, lags):
@@ -318,8 +324,8 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """Return the fitted clock if it is accurate, else the clock shifted by a certain rough lag, else the clock as it
-    is.
+    """Return the fitted clock if it is accurate, else the clock shifted by the rough lag if that is certain, else the
+    recorded clock.
     """
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):

@@ -4,9 +4,9 @@ they show the same surfaces.
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
-To find how far apart they show them, room and people are used together: floor and walls determine tilt and height,
-people determine the shift along floor and walls. Room and people each have half of the weight, so that a large room
-does not decide alone: a wrong focal length displaces its far ends, but not the people.
+To find how far apart two cameras show the same surfaces, room and people are used together: floor and walls determine
+tilt and height, people determine the shift along floor and walls. Room and people each have half of the weight, so that
+a large room does not decide alone: a wrong focal length displaces its far ends, but not the people.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class SurfaceFit:
 
     @property
     def sentence(self) -> str:
-        """Return the residuals as a sentence for users."""
+        """Return a sentence for users that states the residuals."""
         return (
             f"surfaces agree to {1000.0 * self.residual_m:.1f} mm, {100.0 * self.impossible:.0f} % of the people one "
             f"sees fall beside those of the other, ± {1000.0 * self.sigma_m:.1f} mm, "
@@ -137,7 +137,7 @@ def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:
 
 
 def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, step_px: int) -> Seen:
-    """Return points with normals at every ``step_px``-th pixel, where the surface is smooth and faces the camera."""
+    """Return points with normals at every ``step_px``-th pixel at which the surface is smooth and faces the camera."""
     height, width = (
         slice(NORMAL_PX, camera.height - NORMAL_PX, step_px),
         slice(NORMAL_PX, camera.width - NORMAL_PX, step_px),
@@ -182,11 +182,11 @@ def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """Fit the rotation about the vertical and the shift over the floor, from a first guess whose tilt and height are
+    """Fit the rotation about the vertical and the shift over the floor, starting from a pose whose tilt and height are
     correct.
 
-    Frames at the same index in both views are of the same moment. None if both see too little in common. Walls are left
-    out: a shift along a wall cannot be seen, and walls would hold the cameras at the first guess.
+    Frames at the same index in both views are of the same moment. Return None if both see too little in common. Walls
+    are left out: a shift along a wall cannot be seen, and walls would hold the cameras at the starting pose.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -212,8 +212,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
 
 
 def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the source's points on people: of those where the target has a reading, the share where it
-    sees no people; of all, the share inside the target's depth image.
+    """Return two shares of the source's points on people: the share at which the target sees no people, among points at
+    which the target has a reading; and the share that lies inside the target's depth image.
     """
     outside = readings = inside = total = 0
     for depth, people, seen in zip(target.depths_m, target.people, source.seen, strict=True):
@@ -284,8 +284,8 @@ STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of 
 # m, maximum distance of paired points that count when the misfits of the fitted and of the given pose are computed;
 # points farther apart are on different surfaces
 COMPARED_M: Final = 0.15
-# maximum misfit of the fitted pose, divided by that of the given pose, for the fitted pose to count; a fit that only
-# slides surfaces along themselves leaves the misfit as it was
+# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count; a fit that
+# only slides surfaces along themselves leaves the misfit as it was
 BETTER: Final = 0.8
 # m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
 # wrong by 2 % leave 15 to 25 mm

@@ -31,8 +31,8 @@ ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum lead of the best of the poses that symmetry allows: its share of points seen through must be lower by this
-# than that of the second-best pose
+# minimum lead of the best of the poses that symmetry allows: its share of points seen through must be at least this
+# much lower than the share at the second-best pose
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
 
@@ -44,7 +44,7 @@ REMEDY: Final = (
 ChooseHeading = Callable[[tuple[Camera, ...], float, Sequence[np.ndarray]], int | None]
 """A function that returns the index of the direction that the patient faces, among several level unit vectors; None if
 uncertain. Its arguments are all cameras with poses in the equipment's frame Gamma_0, the floor's Y, and these vectors.
-It needs a body model, which calibration does not have, so the caller passes it in.
+This function needs a body model, which calibration does not have, so the caller passes the function in.
 """
 
 
@@ -108,7 +108,9 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return ``share_seen_through`` of ``cameras`` (index ``first``, and that of ``one``) over some sampled frames."""
+    """Return ``share_seen_through`` for a pair of ``cameras`` (indices ``first`` and ``one.index``) in some sampled
+    frames.
+    """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
         (here, there)

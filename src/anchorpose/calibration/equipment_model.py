@@ -91,8 +91,8 @@ class EquipmentCaster:
         return Rendering(top, left, depth.reshape(shape), normal.reshape(*shape, 3), part)
 
     def outline(self, camera: Camera, T_camera_model: np.ndarray, rendering: Rendering) -> Outline:
-        """Find the silhouette with subpixel accuracy, by rays between each pixel on the equipment and those of its
-        neighbours that are not on it.
+        """Find the silhouette with subpixel accuracy, by rays between each pixel on the equipment and its neighbours
+        that are not on the equipment.
         """
         depth = rendering.depth_m
         smooth = cv2.GaussianBlur(np.isfinite(depth).astype(np.float32), (0, 0), 1.5)
@@ -130,7 +130,9 @@ class EquipmentCaster:
         return np.asarray(on.mean(axis=1))
 
     def _cast(self, rays: np.ndarray, T_camera_model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the index of the triangle hit by each ray (n, 2), -1 for none, and the depth there, inf for none."""
+        """Return the index of the triangle that each ray (n, 2) hits, and the depth there; -1 and inf for a ray that
+        hits none.
+        """
         T_model_camera = invert_rigid(T_camera_model)
         ahead = np.concatenate([rays, np.ones((len(rays), 1), rays.dtype)], axis=1)
         directions = (ahead @ T_model_camera[:3, :3].T).astype(np.float32)
@@ -168,7 +170,7 @@ STEP_DEG: Final = 5
 # m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape; the standing frames of
 # two clinics differ by more, so they are not confused
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # m; if rotated equipment differs from the unrotated by less, the search may confuse the two
+ALIKE_M: Final = 0.10  # m; if the equipment changes by less under a rotation, the search may confuse the two directions
 TRIED_POINTS: Final = 400
 ROUND_SHARE: Final = 0.9  # minimum share of all tested rotations after which round equipment coincides with itself
 
@@ -196,8 +198,8 @@ class Symmetry:
     identity.
 
     same: rotations after which the equipment coincides with itself within ``SAME_M``; alike: further rotations after
-    which it does so within ``ALIKE_M``; round: whether it coincides within ``SAME_M`` after more than ``ROUND_SHARE``
-    of the tested rotations, so that its direction is undetermined.
+    which it coincides within ``ALIKE_M``; round: whether the equipment coincides with itself within ``SAME_M`` after
+    more than ``ROUND_SHARE`` of the tested rotations, so that its direction is undetermined.
     """
 
     same: tuple[np.ndarray, ...]
@@ -280,8 +282,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Test every rotation in steps of ``STEP_DEG`` about two centres: that of the bounding box, and that of the
-    surface.
+    """Test every rotation in steps of ``STEP_DEG`` about two centres: the centre of the bounding box, and the centre of
+    the surface.
 
     For each angle, the centre with the smaller deviation counts: a symmetry preserves both centres, but in a model that
     mixes round and square tubes the sampled centre of the surface is shifted.
@@ -297,7 +299,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
         turns.append(tried[int(np.argmin(off))])
         apart.append(min(off))
     around = np.array([np.inf, *apart, np.inf])
-    for index in range(1, len(turns) - 1):  # without the first and the last, which hardly differ from the identity
+    for index in range(1, len(turns) - 1):  # skips the first and the last turn, which hardly differ from the identity
         if around[index + 1] > min(around[index], around[index + 2]):
             continue
         if apart[index] < SAME_M:

@@ -31,7 +31,7 @@ from anchorpose.calibration.first_frames import NOISE_GATE
 from anchorpose.camera import transform_points
 from anchorpose.settings import Positive, settings
 
-# Shares of the equipment or of a part are of its surface area in m2, not of pixels: near parts do not count more.
+# Shares of the equipment or of a part refer to surface area in m2, not to pixels, so that near parts do not count more.
 LEAST_SEEN: Final = 0.2  # minimum share of the equipment that must be seen; people or the image border hide up to half
 MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface that may be seen through; not 0: edges of bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
@@ -40,19 +40,19 @@ MOST_THROUGH_OF_PART: Final = 0.35
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels of a part; a part with fewer is not judged
 # maximum share of the seen outline at which readings may continue beyond it at the same depth; if the equipment is
-# tried inside a wall, they continue everywhere
+# tried inside a wall, readings continue everywhere
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
 MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen edge from the predicted one; edge pixels are often off by one
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
-# rad (0.05 degrees), by which a camera's systematic error makes equipment with bars a metre apart look turned
+# rad (0.05 degrees); a camera's systematic error makes equipment with bars a metre apart look turned by this angle
 STEADY_RAD: Final = 0.0008
 
 
 class NoPose(StrEnum):
-    """The reason why a camera has no pose. It is a result and not an error."""
+    """The reason why a camera has no pose. Such a reason is a result and not an error."""
 
     NO_FLOOR = "sees no floor, so which way is up is unknown"
     NOT_SEEN = "shows the equipment nowhere"
@@ -105,8 +105,8 @@ class PartEvidence:
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
-    counts as hidden. Pixels that see through the equipment beside pixels that show it are left out: edge pixels of a
-    bar often read the background.
+    counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
+    pixels of a bar often read the background.
     """
     parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
@@ -155,9 +155,9 @@ def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarr
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares. The first is, of the outline's unhidden points at which the part is seen, the share where the
-    surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The second is, of
-    all unhidden points of the outline, the share at which the surface ends where predicted.
+    """Return two shares of the outline's unhidden points. The first counts, among points at which the part is seen,
+    those where the surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The
+    second counts, among all points, those where the surface ends as predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -167,7 +167,9 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected (None if it is accepted), and the index of the part that is to blame or None."""
+    """Return why the pose is rejected (None if it is accepted), and the index of the equipment's part that is to blame,
+    or None.
+    """
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
     if evidence.filled_share > MOST_FILLED:
@@ -243,7 +245,9 @@ class EquipmentPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoEquipmentPose:
-    """The reason why this camera has no pose. part: name of the part that is to blame, if it is a single part."""
+    """The reason why this camera has no pose. part: name of the equipment's part that is to blame, if it is a single
+    part.
+    """
 
     why: NoPose
     part: str | None = None
@@ -252,7 +256,7 @@ class NoEquipmentPose:
 def find_equipment(
     view: StillView, equipment: Equipment, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Search, refine and check the pose; if the equipment is symmetric, the result may be any of the equivalent poses.
+    """Search, refine and check the pose; for symmetric equipment, the result may be any of the equivalent poses.
 
     The floor determines the vertical and the height: the model's lowest point or its Y = 0 is assumed to lie on the
     floor.
@@ -311,7 +315,7 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """Return why no pose is accepted: the fault of the refined pose that agrees with most surface and outline."""
+    """Return why no pose is accepted, for the refined pose that agrees best with the seen surface and outline."""
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))

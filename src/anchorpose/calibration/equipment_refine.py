@@ -32,7 +32,7 @@ LEAST_COSINE: Final = 0.15
 
 
 class Gate(NamedTuple):
-    """Limits within which equipment counts as seen: a depth within tolerance_m of the equipment's surface; an edge
+    """Limits within which equipment counts as seen: readings within tolerance_m of the equipment's surface, and edges
     within reach_px of its outline.
     """
 
@@ -45,8 +45,8 @@ class StillView:
     """The evidence from one camera.
 
     still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
-    reading: the depth frames from which the still surface was made; if there is a frame of the empty room, only this
-    one.
+    reading: the depth frames from which the still surface was made; if a frame of the empty room is given, only this
+    frame.
     """
 
     camera: Camera
@@ -64,7 +64,7 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """Return a view of the empty room if there is a frame of it, else of the still surfaces of the frames."""
+    """Return the evidence from the image of the empty room if given, else from the still surfaces of the frames."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
     return StillView(camera, what_stays(stack, noise), stack, noise, floor)
 
@@ -91,7 +91,7 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 class Rows:
     """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias (see ``refine``); residual
     (n,) in sigmas; part (n,): part of the equipment; together: number of rows that count as one observation; reach:
-    residuals beyond it have no weight, inf for no limit.
+    limit beyond which residuals have no weight, inf for no limit.
     """
 
     jacobian: np.ndarray
@@ -254,7 +254,7 @@ def standing_prior(floor_m: float) -> FloorPrior:
 def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior) -> Refined | None:
     """Improve T_camera_model from a start correct within a bar's width; None if too little of the equipment is seen.
 
-    The method is Gauss-Newton with Tukey's weights. It fits all six degrees of freedom, with rotations about the
+    The method is Gauss-Newton with Tukey's weights. All six degrees of freedom are fitted, with rotations about the
     equipment's centre, and the edge bias: sensors make bars look thicker or thinner, equally on both sides. If the
     residuals are larger than the assumed errors, the covariance is scaled up to agree with them.
     """
@@ -297,7 +297,7 @@ def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarr
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
     """Return the length of one part's shift. Weights decrease with a reading's distance from the part, so that hands on
-    it have little effect.
+    the part have little effect.
     """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]

@@ -16,22 +16,22 @@ from anchorpose.lens import lens_array, pixel_of_ray
 from anchorpose.rotations import rigid
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
-LEAST_Z_M: Final = 0.3  # m; nearer than this, no depth camera measures
+LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
 RADIUS_M: Final = 0.5  # m from the equipment's centre; there, a step of rotation moves points as far as a step of shift
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
-FARTHEST_M: Final = 7.0  # m; farther than this, no depth camera sees a bar
+FARTHEST_M: Final = 7.0  # m; no depth camera sees a bar from farther away
 THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest steps
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
 DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less than both are the same pose
-# m; points within this distance of the surface count as on it; from coarse to fine
+# m; points within this distance of the surface count as on the surface; from coarse to fine
 TOLERANCES_M: Final = (0.05, 0.03, 0.02)
 THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
 # m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
 BROAD_M: Final = 0.10
-# weight of readings on a broad surface, relative to others, since a bar would fit anywhere in it
+# weight of readings on a broad surface, relative to other readings, since a bar would fit anywhere in this surface
 BROAD_WEIGHT: Final = 0.25
 
 
@@ -202,8 +202,8 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _at_edge(image: SearchImage, x: float, y: float, z: float, margin_m: float) -> bool:
-    """Return whether one of the four pixels around a point in the camera frame reads the point's depth. Then the point
-    lies less than a pixel inside a thin bar, and its own pixel may read the background.
+    """Return whether one of the four pixels around a point in the camera frame reads the point's depth. If so, the
+    point lies less than a pixel inside a thin bar, and the pixel at the point itself may read the background.
     """
     column, row = pixel_of_ray(x / z, y / z, image.lens)
     c, r = int(np.floor(column)), int(np.floor(row))
@@ -251,8 +251,8 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
 
 
 def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) -> list[np.ndarray]:
-    """Return T_camera_model (4, 4) of distinct places of the model, best first. The equipment is upright there, and Y =
-    ``lowest_m`` of its frame lies on the floor.
+    """Return T_camera_model (4, 4) of distinct places of the model, best first. At each place, the equipment is
+    upright, and Y = ``lowest_m`` of its frame lies on the floor.
 
     The space above the floor is mapped as filled, free or unknown. The equipment is tried in 72 directions at every
     cell of the floor: the score is the sum of the map's values at the equipment's points. Then the best places are
@@ -262,7 +262,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
     starts = _coarse(image, view.camera, samples, lowest_m)
     if not len(starts):
         return []
-    starts[:, 2] += samples.centre_m[1]  # the height of the centre above the floor
+    starts[:, 2] += samples.centre_m[1]  # now the height of the equipment's centre above the floor
     surface, outside = samples.surface_m - samples.centre_m, samples.outside_m - samples.centre_m
     for tolerance in TOLERANCES_M:
         last = tolerance == TOLERANCES_M[-1]
@@ -308,8 +308,8 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height of the origin of the equipment's
-    frame above the floor, not yet that of the centre.
+    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height above the floor of the origin of
+    the equipment's frame, not yet of the equipment's centre.
     """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m

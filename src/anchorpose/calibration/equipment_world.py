@@ -37,7 +37,7 @@ from anchorpose.recording.recording import FrameSet, Recording
 # share of the sampled frames, at the end of the recording, in which the equipment is searched again
 LATE_SHARE: Final = 0.34
 LEAST_FRAMES: Final = 3
-MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; if it changes by more, the equipment was moved
+MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; if the pose changes by more, the equipment was moved
 # m, minimum shift that counts as a movement; twice the accuracy that a calibration must have
 LEAST_SHIFT_M: Final = 0.008
 LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as a movement of the equipment
@@ -93,7 +93,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return where the equipment is seen if it is not where the camera's given pose puts it; None if it is there."""
+    """Return where the equipment is seen if this is not where the camera's given pose puts it, else None."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -115,7 +115,7 @@ def _doubt(camera: str, moved: Moved) -> PoseDoubt:
 
 
 def moved_note(camera: str, moved: Moved, times_s: Sequence[float]) -> str:
-    """Return a sentence for users on the movement."""
+    """Return a sentence for users that describes how the equipment was moved."""
     since = f"from about {times_s[moved.first]:.1f} s on"
     if moved.shift_m is None or moved.turn_rad is None:
         return f"camera {camera} no longer sees the equipment in its place {since}: what it hides there is unknown"
@@ -133,8 +133,8 @@ def notice_movement(
     prior: FloorPrior,
     config: EquipmentPoseConfig,
 ) -> Moved | None:
-    """Return how the equipment has moved by the end of ``frames_m``, which are in the order of time; None if it did not
-    move.
+    """Return how the equipment has moved by the end of ``frames_m``, which are in the order of time; None if the
+    equipment did not move.
 
     Only the camera's noise and floor are taken from ``view``. A shift within a bar's width is found by fitting the pose
     again. A larger shift is found because the camera sees through the places where the equipment was.
@@ -225,8 +225,8 @@ def world_from_equipment(
     already.
 
     First each camera is placed separately. Then symmetries of the equipment are resolved, by comparing cameras and by
-    ``choose_heading``. Finally all cameras get a common floor, and it is checked that no two cameras contradict each
-    other. Raises InputError if a pose is not accepted.
+    ``choose_heading``. Finally all cameras get a common floor. Raises InputError if a pose is not accepted, or if two
+    cameras contradict each other.
     """
     if recording.equipment is None:
         raise ValueError("the recording has no equipment to find the cameras from")
@@ -249,8 +249,8 @@ def world_from_equipment(
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
-    """Find the equipment in one camera: in its image of the empty room, else in all frames. Without such an image, all
-    frames are tried first, then the first half of them. Raises InputError if it is not found.
+    """Find the equipment in one camera, in the image of the empty room. Without such an image, all frames are tried
+    first, then the first half of them. Raises InputError if the equipment is not found.
     """
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
@@ -294,8 +294,8 @@ def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
     """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
-    equipment in this place; if that pose is not accepted, on fewer of these. If no refined pose is accepted, return the
-    earlier pose.
+    equipment in this place; if that pose is not accepted, on fewer of these frames. If no refined pose is accepted,
+    return the earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

@@ -110,8 +110,8 @@ def start_of_patient(
 
 
 def people_only(depth_m: np.ndarray) -> bool:
-    """Return whether the recorder has removed the room from a depth image, which then has few readings, all within the
-    depth range that a person can fill.
+    """Return whether the recorder has removed the room from a depth image. Such an image has few readings, all within
+    the depth range that a person can fill.
     """
     readings = depth_m[depth_m > 0]
     if readings.size == 0:
@@ -138,8 +138,8 @@ NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each t
 # rad (50 degrees), maximum angle between the verticals of camera and floor; cameras look down, but hardly roll
 WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
-# people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of it:
-# shoes and part of the shins
+# people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of the
+# plane: these points are shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
 MOST_BELOW: Final = 0.1  # maximum ratio of points below the floor to points on it; mirrors and flying pixels cause some
@@ -152,18 +152,18 @@ SUNK_M: Final = 0.10
 LEAST_SHARE: Final = 0.02
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 takes all three points
-# from it, but real floors have 20 to 50 %
+# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 has all three points on
+# the floor, but real floors have 20 to 50 %
 TRIALS: Final = 300
-SAMPLE: Final = 6000  # number of readings, drawn at random, that are counted on and below each plane
+SAMPLE: Final = 6000  # number of readings, drawn at random, among which those on and below each plane are counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPlane:
     """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
-    up (3,) float64 unit normal, away from the floor; height_m: height of the camera above it; residual_m: root mean
-    square residual of the inliers; inlier_share: share of all readings that lie on the plane.
+    up (3,) float64 unit normal, away from the floor; height_m: height of the camera above the floor; residual_m: root
+    mean square residual of the inliers; inlier_share: share of all readings that lie on the plane.
     """
 
     up: np.ndarray
@@ -178,7 +178,7 @@ def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
 
 
 class NoFloor(StrEnum):
-    """The reason why no floor was found. It is a result and not an error: a frame may show only people."""
+    """The reason why no floor was found. Such a reason is a result and not an error: a frame may show only people."""
 
     NO_READINGS = "the depth image has too few readings"
     NO_PLANE = "no plane below the camera has enough readings and nothing under it"
@@ -221,8 +221,8 @@ def is_upside_down(
     """Return whether people stand on a plane that, by the camera's pose, lies above the camera, while they stand on no
     plane below it.
 
-    floor: result of ``floor_of_room`` from the same frames. False also if nobody moves or no plane is seen, since
-    nothing then shows which way is up.
+    floor: result of ``floor_of_room`` from the same frames. Also return False if nobody moves or no plane is seen,
+    since nothing then shows which way is up.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -259,8 +259,8 @@ def find_floor(
     depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
     upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
-    Then it is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to three
-    standard deviations of the inliers' distances, since the foot of a wall among the first inliers would tilt the
+    Then the plane is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to
+    three standard deviations of the inliers' distances, since the foot of a wall among the first inliers would tilt the
     plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)

@@ -33,8 +33,8 @@ Squares = Annotated[Whole, Field(gt=1, le=100, description="the number of square
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tag:
-    """A square tag: the side length of its black square, and its pose: x to its right, y up and z out of it, towards
-    the reader.
+    """A square tag: the side length of its black square, and its pose: x to the right, y up and z out of the sheet,
+    towards the reader.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -136,7 +136,9 @@ class SeenMarkers:
 def detect_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None
 ) -> SeenMarkers | NoMarkers:
-    """Detect the layout's markers in an image, or return why none is usable; arguments as in ``pose_from_markers``."""
+    """Detect the layout's markers in an image, or return why no marker is usable; arguments as in
+    ``pose_from_markers``.
+    """
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
     parameters = cv2.aruco.DetectorParameters()
@@ -160,8 +162,8 @@ def detect_markers(
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
-    """Return an 8-bit grey image. In 16-bit infrared, values are scaled so that the brightest specks saturate, and
-    their square root makes near and far markers similarly bright.
+    """Return an 8-bit grey image. In 16-bit infrared, values are scaled so that the brightest specks saturate, and the
+    square root of the values makes near and far markers similarly bright.
     """
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     if grey.dtype == np.uint8:
@@ -212,8 +214,8 @@ def _side_px(corners: np.ndarray) -> float:
 def _depth_inside(
     corners: np.ndarray, number: int, camera: Camera, depth_m: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rays and depths of readings inside a marker, and the marker's number for each. The marker's rim is left
-    out, since depth there mixes with the background.
+    """Return rays and depths of the readings inside a marker, and the marker's number for each reading. The marker's
+    rim is left out, since depth there mixes with the background.
     """
     if depth_m is None:
         return np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int64)
@@ -227,9 +229,10 @@ def _depth_inside(
     return rays, depth_m[row, column].astype(np.float64), np.full(len(place), number)
 
 
-# names of the images of markers in a camera's folder; they must have the same intrinsics as its depth images
+# names of the images of markers in a camera's folder; these images must have the intrinsics of the camera's depth
+# images
 MARKER_IMAGES: Final = ("infrared.png", "color.png")
-# m and rad; solutions of the solver that differ by less are the same; mirrored poses differ by degrees
+# m and rad; solver solutions that differ by less are one solution; mirrored poses differ by several degrees
 SAME_M, SAME_RAD = 0.002, 0.002
 CORNER_SIGMA_PX: Final = 0.3  # px, error of a corner after refinement, in an image with noise and slight blur
 DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print, due to noise and the ink
@@ -248,7 +251,7 @@ class MarkerPose:
     the position, per axis; sigma_rad: sigma of the direction.
 
     corners: number of corners used; markers: ids of the tags to which they belong, 0 for a board; left_out: ids of tags
-    that do not fit the others.
+    that do not fit the other tags.
     """
 
     T_world_camera: np.ndarray
@@ -308,8 +311,8 @@ def pose_from_markers(
     image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
     width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
     flat layout.
-    Outliers among the corners have little weight; tags that contradict the others are left out, and the result names
-    them.
+    Outliers among the corners have little weight; tags that contradict the other tags are left out, and the result
+    names them.
     Raises ValueError if the size of an image differs from the camera's.
     """
     for given in (image, depth_m):
@@ -350,7 +353,7 @@ def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarr
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two solutions are distinct: some starts of the solver converge to the same one."""
+    """Return whether two solutions are distinct: some starts of the solver converge to the same solution."""
     step = invert_rigid(one) @ other
     turn = float(Rotation.from_matrix(step[:3, :3]).magnitude())
     return turn > SAME_RAD or float(np.linalg.norm(step[:3, 3])) > SAME_M
@@ -395,7 +398,7 @@ def _judged(
 ) -> MarkerPose | NoMarkers:
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
-    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # factor on the assumed variances, the same for corners and depths
+    scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # factor on the assumed variances of corners and depths
     if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel

@@ -22,13 +22,13 @@ from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
 # rad, maximum angle by which a part's axes may be turned to lie along the common directions (the vertical, and the
-# level directions of most bars); a bar's direction may be wrong by this if readings of another bar are mixed in
+# level directions of most bars); readings of another bar may make a bar's direction wrong by this angle
 SNAP_RAD: Final = np.radians(10.0)
-# maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if it costs more,
-# the free axes are kept
+# maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if the fit costs
+# more, the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less, its axes are not fitted
+WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less than this, its axes are not fitted
 # m, maximum spread of a part's readings about its surface; with more, the part is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
 # maximum share of the rays through a part's core that may end beyond it; a wrong part has more
@@ -41,8 +41,8 @@ SAMPLES: Final = 8  # number of frames from which the patient's place is found i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
-    """A proposed part, the robust spread of its readings about its surface, their number, and which of its lengths
-    (length, breadth, thickness) are guessed, since no camera sees them.
+    """A proposed part, the robust spread of its readings about its surface, the number of readings, and the names of
+    its lengths (length, breadth, thickness) that are guessed, since no camera sees them.
     """
 
     part: Box | Cylinder
@@ -112,7 +112,7 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
 
 
 def _with_cameras(recording: Recording, name: str | None) -> Recording:
-    """Return the recording with one camera, or with all, and without its equipment, since this is to be found."""
+    """Return the recording with one camera, or with all, and without equipment, since the equipment is to be found."""
     names = [camera.name for camera in recording.cameras]
     if name is not None and name not in names:
         raise InputError(recording.folder, f"has no camera '{name}'", f"choose one of {', '.join(names)}")
@@ -163,8 +163,8 @@ def propose_equipment(
 
 
 def _common_yaw(found: Sequence[Found]) -> float:
-    """Return the common angle of the level bars about the vertical, radians, within 45 degrees of 0; 0 if it is nearly
-    0.
+    """Return the common angle of the level bars about the vertical, radians, within 45 degrees of 0; a very small angle
+    is set to 0.
 
     Bars meet at right angles, so four times the angle is averaged, which makes angles that differ by 90 degrees equal;
     longer bars count more.
@@ -179,11 +179,12 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """Fit a part. Its axes are set to the vertical and the common directions (``yaw``) if they are nearly parallel to
-    these.
+    """Fit a part. Axes that are nearly parallel to the vertical and the common directions (``yaw``) are set to these
+    directions.
 
-    The fit starts from a larger and from a smaller box around the part, and the better result counts: readings of other
-    parts may make the larger box too large, so that one of its faces converges to the wrong side of the readings.
+    The fit is run twice, from a larger and from a smaller box around the part, and the better result counts: readings
+    of other parts may make the larger box too large, so that one of its faces converges to the wrong side of the
+    readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]

@@ -11,13 +11,13 @@ import numpy as np
 from anchorpose.calibration.proposal_readings import UNREAD_M, Readings
 from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 
-# m, limits for pieces of one bar: OFF_LINE_M is the distance of a piece from the other's line, LARGEST_CUT_M the gap
-# between the pieces (a leg's breadth)
+# m, limits for pieces of one bar: OFF_LINE_M is the distance of one piece from the line of the other piece,
+# LARGEST_CUT_M the gap between the pieces (a leg's breadth)
 OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30
 SEEN_THROUGH: Final = 4  # number of rays through a gap that are needed to show that the gap is empty
 # m; a reading within this distance of a bar's extension belongs to the bar; this is also the step along the bar
 ALONG_M: Final = 0.01
-# minimum number of readings in a step along a bar for the bar to continue; a bar one pixel wide at 3 m has five
+# minimum number of readings per step along a bar for the bar to continue; a bar one pixel wide at 3 m has five
 DENSE: Final = 3
 # m above the floor; if the unseen lower side of a level bar is below this height, the bar lies on the floor
 LIES_M: Final = 0.06
@@ -42,8 +42,8 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step has
-    enough readings of no other part (``free``).
+    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step must
+    have enough readings that belong to no other part (``free``).
     """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
@@ -86,7 +86,7 @@ def _join(one: Fit, other: Fit, readings: Readings) -> Fit | None:
 
 
 def _seen_through(bar: Fit, between: np.ndarray, readings: Readings) -> bool:
-    """Return whether rays pass through the gap in a bar, which is then empty."""
+    """Return whether rays pass through the gap in a bar, which shows that the gap is empty."""
     low, high = _core(bar)
     margin = min(0.01, 0.2 * float(np.ptp(between)))
     low[2], high[2] = between[0] + margin, between[1] - margin
@@ -106,7 +106,7 @@ def _core(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readings: Readings) -> tuple[int, int]:
-    """Return two numbers of rays that meet a box: how many end beyond it, and how many end in it or just before it."""
+    """Return, for the rays that meet a box, how many end beyond the box, and how many end in it or just before it."""
     origin, ray = readings.origin_m @ rotation, readings.ray @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (low - origin) / ray, (high - origin) / ray
@@ -151,8 +151,8 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Return the names of lengths that no camera sees: those along an axis in whose direction all cameras look, and
-    those with an end that has no readings.
+    """Return the names of lengths that no camera sees: lengths along an axis in whose direction all cameras look, and
+    lengths with an end that has no readings.
 
     The end of a part on the floor counts as seen.
     """

@@ -37,7 +37,7 @@ class Region:
     """An upright cylinder in which equipment is searched."""
 
     center_xz_m: tuple[float, float] = (0.0, 0.0)  # the world's origin, where the patient stands
-    radius_m: Positive = 1.0  # m; a standing frame is a metre long and wide, so all of it is this near to its middle
+    radius_m: Positive = 1.0  # m; a standing frame, a metre long and wide, is within this distance of its middle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,9 @@ def _of_one_camera(camera: Camera, room_m: np.ndarray, floor_height_m: float, re
 
 
 def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_m: float, region: Region) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor, in the region, and on an object mostly in the region."""
+    """Return (height, width) bool: pixels that lie above the floor and in the region, and show an object that is mostly
+    in the region.
+    """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
     lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 along a ray is a z h in height, for a floor h below
@@ -112,8 +114,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels beside free-standing objects that are not clearly behind them. They mix
-    object and background, or show the same object.
+    """Return (height, width) bool: pixels beside free-standing objects that are not clearly behind them. These pixels
+    mix object and background, or show the object.
     """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
@@ -162,11 +164,11 @@ MOST_BESIDE: Final = 0.5
 LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
-SEEDS: Final = 120  # number of places from which a bar is searched, drawn again for each bar
+SEEDS: Final = 120  # number of places, drawn at random for each bar, from which a bar is searched
 # m; points this near to a seed give its bar's first direction: a ball twice as wide as a thick bar
 NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer give no direction
-PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings can fill on a plate, but never on a bar
+PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings on a plate can fill, but readings on a bar cannot
 PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
 PLATE_FLATNESS_M: Final = 0.02  # m, maximum deviation of readings from a plate's plane, due to noise and upholstery
 PLATE_EDGE_M: Final = 0.05  # m, thickness of a seat's edge, which is not a separate bar
@@ -176,8 +178,8 @@ MOST_PARTS: Final = 40  # maximum number of parts of one piece of equipment
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """A detected part. rotation (3, 3): its axes as columns; the last is the direction of a bar, or the normal of a
-    plate.
+    """A detected part. rotation (3, 3): the part's axes as columns; the last column is the direction of a bar, or the
+    normal of a plate.
 
     low, high (3,): extent of its visible points along the axes, relative to ``center_m``; members: indices of these
     points.
@@ -192,8 +194,8 @@ class Found:
 
 
 def find_parts(points_m: np.ndarray) -> list[Found]:
-    """Find plates, then bars, in points (n, 3), largest first; the points of each are removed before the next
-    search.
+    """Find plates, then bars, in points (n, 3), largest first; the points of each found part are removed before the
+    next search.
     """
     rng = np.random.default_rng(0)
     left = np.arange(len(points_m))

@@ -23,7 +23,7 @@ BEYOND_M: Final = 0.05  # m; if a ray ends this far behind a part, it has passed
 STEP_M: Final = 0.015  # m, step along a ray, half the thickness of a thin plate
 ROWS: Final = 300  # maximum number of readings, and of rays, for one part; faces are then precise to half a millimetre
 TRIALS: Final = 25  # maximum number of iterations of the solver; most fits converge after ten
-# m, sigma of the difference between a bar's two breadths if it is assumed to be square; readings of a visible side
+# m, sigma of the difference between the two breadths of a bar that is assumed to be square; readings of a visible side
 # outweigh this assumption
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
@@ -33,8 +33,8 @@ ASLANT: Final = 0.4
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if nothing shows the end
-# maximum cost of the fitted tube, divided by that of the fitted box, at which the tube is used; it is above 1, since a
-# box has one more free length
+# maximum cost of the fitted tube, divided by the cost of the fitted box, at which the tube is used; this ratio is above
+# 1, since a box has one more free length
 ROUNDER: Final = 1.12
 # minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12
@@ -42,7 +42,7 @@ LEAST_SUPPORT: Final = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """A box along the axes ``rotation``, or a tube along the last of them.
+    """A box along the axes ``rotation``, or a tube along the last axis.
 
     rotation (3, 3): from the part's axes to the world; low, high (3,): position of the faces along the axes, relative
     to the world's origin. A round part (tube) has the same breadth along the first two axes. cost: cost of the fit per
@@ -107,7 +107,7 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
     """Fit a box to the readings. If ``tubes`` is set and a tube fits them about as well, return the tube.
 
-    own (n,) bool: readings on this part. turn: whether the axes may turn too.
+    own (n,) bool: readings on this part. turn: whether the fit may also turn the axes.
     """
     evidence = _evidence(fit, readings, own)
     fit = replace(fit, blind=_blind(fit, readings.origin_m[own]))
@@ -155,8 +155,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes along which all cameras that see the part look. The part's extent along them is not seen,
-    since its outline shows only the extent along the other axes.
+    """Return (3,) bool: axes along which all cameras that see the part look. The part's extent along these axes is not
+    seen, since its outline shows only the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
@@ -170,7 +170,7 @@ def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
 
 
 def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m: float) -> np.ndarray:
-    """Return places (n, k, 3) on the rays around the point nearest to the part, about ``STEP_M`` apart or less."""
+    """Return places (n, k, 3) on each ray, about ``STEP_M`` apart or less, around the point nearest to the part."""
     length = np.linalg.norm(readings.ray[rows], axis=1)
     count = max(5, int(np.ceil(2.0 * thick_m / STEP_M)))
     along = near[rows, None] + np.linspace(-1.0, 1.0, count) * thick_m / length[:, None]
@@ -185,7 +185,9 @@ def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
 
 
 def _closest_approach(fit: Fit, readings: Readings) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth at which each ray is nearest to a part's middle line, and its distance from the line there."""
+    """Return the depth at which each ray is nearest to a part's middle line, and the distance between ray and line
+    there.
+    """
     long = int(np.argmax(fit.size_m))
     center_m, axis, half_m = fit.center_m, fit.rotation[:, long], fit.size_m[long] / 2.0
     offset = readings.origin_m - center_m
@@ -235,8 +237,8 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
 
 
 def _robust_loss(kernel: Callable[[np.ndarray], np.ndarray], seen: int, z: np.ndarray) -> np.ndarray:
-    """Compute the robust loss. Only the first ``seen`` residuals, the measurements, may be outliers: assumptions keep
-    their full weight.
+    """Compute the robust loss of residuals. Only the first ``seen`` residuals, which are measurements, may be outliers:
+    the other residuals are assumptions and keep their full weight.
     """
     rho = np.stack([z, np.ones_like(z), np.zeros_like(z)])
     rho[:, :seen] = kernel(z[:seen])

@@ -108,7 +108,9 @@ def _equipment_world(
 
 
 def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[FloorPlane | NoFloor]:
-    """Find the floor that each camera sees in its image of the empty room or, without it, in the sampled frames."""
+    """Find the floor that each camera sees in the image of the empty room or, without such an image, in the sampled
+    frames.
+    """
     return [
         floor_of_room(camera, recording.backgrounds_m[index], depths_of(sample_frames, index))
         for index, camera in enumerate(recording.cameras)
@@ -118,7 +120,7 @@ def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[Flo
 def _upside_down(
     recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
 ) -> tuple[PoseDoubt, ...]:
-    """Return a doubt about each camera in which, by its pose, people stand upside down on a floor above it."""
+    """Return a doubt about each camera whose pose would have people stand upside down on a floor above the camera."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
         if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):
@@ -129,8 +131,8 @@ def _upside_down(
 
 
 def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor], first_note: str) -> Calibration:
-    """Return the calibration of cameras with poses, with residuals and doubts on how well their floors agree with these
-    poses.
+    """Return the calibration of cameras with poses, with residuals of the floors that the cameras see, and doubts about
+    poses that disagree with these floors.
     """
     residuals, heights, notes, doubts = [], dict[str, float](), [first_note], list[PoseDoubt]()
     for camera, floor in zip(cameras, floors, strict=True):
@@ -161,7 +163,7 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """Return a doubt if cameras see the floor at different heights, about the camera that differs most."""
+    """Return a doubt about the camera whose floor height differs most, if cameras disagree on the floor's height."""
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))

@@ -28,18 +28,19 @@ NOISY_PER_M: Final = 2 * 1.425e-3  # 1/m, maximum noise sigma / depth^2; twice a
 # shares of pixels without a reading (yellow, red); indoors, windows and far walls cause shares of 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
-# a frame is disturbed if its noise is more than this times the median frame's; other frames deviate by up to 10 %
+# a frame is disturbed if its noise exceeds the noise of the median frame by more than this factor; undisturbed frames
+# deviate by up to 10 %
 BURST: Final = 1.3
-GONE: Final = 0.05  # extra share of pixels without a reading that makes a frame disturbed; a passer-by adds less
+GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels is higher by this; a passer-by adds less
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
-# (yellow, red) shares of pixels that gain or lose a reading from one frame to the next; usually 0.03
+# shares of pixels (yellow, red) that gain or lose a reading from one frame to the next; the usual share is 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
 LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
 
 
 def check_depth(material: Material) -> list[Finding]:
-    """Return the findings on depth; each covers all cameras."""
+    """Return the findings on depth images; each finding covers all cameras."""
     noise, detail, room, steady, holes = (list[OfCamera]() for _ in range(5))
     for index, (camera, frames) in enumerate(material.by_camera()):
         distance_m = material.distance_m(index)
@@ -163,7 +164,7 @@ UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more ti
 # lens parameters are wrong
 FACING: Final = 0.5
 # maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees): the end of the sensor's
-# range looks like a wall, but with an angle below 2 degrees
+# range also looks like a wall, but at an angle below 2 degrees
 PARALLEL: Final = 0.996
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # m, a person's height; adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
@@ -220,7 +221,8 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
     """Divide the floor into rings about the optical axis, and return the largest difference (m) between the median
     heights of two rings; NaN with too few readings of the floor.
 
-    Wrong lens parameters bend planes, the more the farther from the axis; noise and furniture hardly change medians.
+    Wrong lens parameters bend planes, and bend them more the farther they are from the axis; noise and furniture hardly
+    change medians.
     """
     above_m = camera.back_project(room_m) @ floor.up.astype(np.float32) + np.float32(floor.height_m)
     radius = np.linalg.norm(camera.pixel_rays(), axis=-1)
@@ -248,8 +250,8 @@ def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float
 
 
 def _size(material: Material) -> Finding:
-    """Return a finding on the height of the person and the usual distance of what is seen, both of which depend on the
-    depth unit.
+    """Return a finding on the person's height and the usual distance of seen surfaces; both values depend on the depth
+    unit.
     """
     depths = [float(np.median(depth[depth > 0])) for _, ones in material.by_camera() for depth in ones if depth.any()]
     usual_m = float(np.median(depths)) if depths else float("nan")
@@ -283,7 +285,8 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 def _tallest_m(material: Material) -> Sequence[float]:
     """Return the height in m above the floor of the highest person in each sampled frame; empty without a floor. The
-    height is right even if the search for the patient splits a person who seems too tall: the highest piece counts.
+    height is correct even if the search for the patient splits a person who seems too tall, since the highest piece
+    counts.
     """
     if material.floor_m is None or material.look is None:
         return []

@@ -1,4 +1,4 @@
-"""Gather what the checks need (the recording, its sampled frames, the people in them), and define what a finding is."""
+"""Gather the material of the checks (the recording, its sampled frames, the people in them), and define findings."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ def level_of(value: float, yellow: float, red: float) -> Level:
 
 
 def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
-    """Join the parts of several cameras to one finding with the worst level; cameras are named where there are
-    several.
+    """Join the parts of several cameras to one finding with the worst level; cameras are named if there is more than
+    one.
 
-    Green parts are left out if others are not green, and so are their remedies.
+    If some parts are not green, green parts and their remedies are left out.
     """
     level = max(part.level for part in parts)
     told = [part for part in parts if part.level > Level.GREEN or level is Level.GREEN]
@@ -116,9 +116,9 @@ class SeenPatient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """What the checks examine. recording: has one clock for all cameras if ``settled`` is known. settled: clocks and
-    poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras' poses are unknown, for the
-    reason in ``refusal``. successive: pairs of successive frames, between which people hardly move. patient: the
+    """The material that the checks examine. recording: has one clock for all cameras if ``settled`` is known. settled:
+    clocks and poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras' poses are unknown;
+    ``refusal`` has the reason. successive: pairs of successive frames, between which people hardly move. patient: the
     patient in some of the sampled frames; empty if nobody was found.
     """
 
@@ -158,7 +158,7 @@ class Material:
             yield camera, depths_of(self.samples, index)
 
     def successive_of(self, index: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return one camera's pairs of ``successive`` in which it has both images."""
+        """Return those pairs of ``successive`` in which the camera with this index has both images."""
         pairs = [(one.depths_m[index], other.depths_m[index]) for one, other in self.successive]
         return [(one, other) for one, other in pairs if one is not None and other is not None]
 
@@ -225,7 +225,9 @@ def _look_closely(frame_set: FrameSet, choice: PatientChoice, scenes: Sequence[S
 
 
 def _hidden(views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (cameras,): share of the skin facing each camera that something hides, by a body fitted to the patient."""
+    """Return (cameras,): share of the skin facing each camera that something hides, according to a body fitted to the
+    patient.
+    """
     hidden = np.full(len(cameras), np.nan)
     person = rough_person(views, cameras, PixelLabel.PATIENT)
     if person is None:

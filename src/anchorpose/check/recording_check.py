@@ -41,7 +41,7 @@ TOO_SLOW_HZ: Final = 5.0  # Hz; at a lower rate, a walking person may move by a 
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
 # shares (yellow, red) of frame intervals that deviate from multiples of the camera's period by over a quarter of the
-# period; at 30 Hz, a hand that moves at 2 m/s is then 2 cm off
+# period; at 30 Hz, such a deviation puts a hand that moves at 2 m/s 2 cm off
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
@@ -156,7 +156,9 @@ def _level(doubt: PoseDoubt | None) -> Level:
 
 
 def _agreement(asked: PosesAsked) -> list[Finding]:
-    """Return one finding on how well the poses agree in each pair of cameras; none if no pair sees enough in common."""
+    """Return one finding on how well the poses in each pair of cameras agree; no finding if no pair sees enough in
+    common.
+    """
     between = {doubt.cameras: doubt for doubt in asked.doubts if doubt.source is DoubtSource.CAMERAS}
     parts = [
         OfCamera(" and ".join(names := pair.past.cameras), _level(between.get(names)), pair.measured, REMEDY)
@@ -167,7 +169,7 @@ def _agreement(asked: PosesAsked) -> list[Finding]:
 
 
 def _floor(material: Material) -> Finding:
-    """Return a finding on how even the floor is, and on its tilt against the horizontal of the given poses."""
+    """Return a finding on how even the floor is, and on the floor's tilt against the horizontal of the given poses."""
     assert material.settled is not None
     calibration = material.settled.calibration
     if not calibration.residuals:
@@ -189,7 +191,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more
+CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more pixels
 SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand can be
 NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
@@ -224,8 +226,8 @@ def _found(look: Look) -> Finding:
 
 
 def _whole(material: Material) -> Finding:
-    """Return a finding on image borders that cut off the patient. It is red only if every camera cuts off the patient
-    in most frames.
+    """Return a finding on image borders that cut off the patient. The finding is red only if every camera cuts off the
+    patient in most frames.
     """
     parts = [_cut_off(material, index, camera) for index, camera in enumerate(material.cameras)]
     worst = Level.RED if all(part.level is Level.RED for part in parts) else Level.YELLOW

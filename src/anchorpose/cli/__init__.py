@@ -31,7 +31,7 @@ STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", 
 
 class Stopped(KeyboardInterrupt):
     """A signal that ends the process, raised as an exception so that each function on the call stack cleans up:
-    half-written folders are removed, or kept for a later run that continues.
+    half-written folders are removed, or kept so that a later run can continue.
     """
 
     def __init__(self, number: int) -> None:
@@ -81,7 +81,7 @@ app.register_install_completion_command()
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
-    """Run a command line (that of the process by default) and return its exit code; 0 is success."""
+    """Run a command line (by default, the command line of the process) and return its exit code; 0 is success."""
     given = sys.argv[1:] if tokens is None else tokens
 
     def work() -> object:
@@ -92,9 +92,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
 
 def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for an argument that is not text in UTF-8: no table or JSON can state the name of such a
-    file.
-    """
+    """Raise InputError for an argument that is not text in UTF-8: neither tables nor JSON can state such file names."""
     for token in tokens:
         if not is_utf8(token):
             raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
@@ -130,9 +128,7 @@ def _refuse(sentence: str, error: Exception) -> int:
 
 
 def _notes(error: BaseException) -> tuple[str, ...]:
-    """Return the notes of an error: which files are left behind, and how to continue. ``unfinished_results`` adds
-    them.
-    """
+    """Return the notes that ``unfinished_results`` adds to an error: which files are left behind, how to continue."""
     return tuple(getattr(error, "__notes__", ()))
 
 

@@ -38,7 +38,7 @@ def printable(text: str) -> str:
 
 
 def say(sentence: str, error: bool = False) -> None:
-    """Print one line without delay; error: whether the line goes to the error stream."""
+    """Print one line without delay; error: whether to print it on the error stream."""
     print(printable(sentence), file=sys.stderr if error else sys.stdout, flush=True)
 
 
@@ -49,7 +49,7 @@ def show_table(
     title: str | None = None,
     numbers: bool = False,
 ) -> None:
-    """Print a table of texts without markup; numbers: whether all columns but the first are aligned to the right."""
+    """Print a table of texts without markup; numbers: whether all columns except the first are aligned to the right."""
     from rich.table import Table
 
     table = Table(*head, title=title)
@@ -75,8 +75,8 @@ def plain_console(error: bool = False) -> Console:
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
 
-    at_once: whether the bar appears before the first call, which may come late. If not, work that is refused before it
-    begins shows no bar.
+    at_once: whether the bar appears before the first call, which may come late. If False, work that is refused before
+    it begins shows no bar.
     """
     from rich import progress as parts
 
@@ -123,7 +123,7 @@ def _has_display() -> bool:
 
 
 class OnConsole(Watcher):
-    """A listener to the progress of tracking that draws progress bars and prints notes."""
+    """A receiver of the progress of tracking that draws progress bars and prints notes."""
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
         """Return a progress bar."""
@@ -151,8 +151,8 @@ def counter(what: str) -> Iterator[Callable[[], None]]:
 def log_event(results: Path, what: str, files: Iterable[str], by: str, about: dict[str, Any] | None = None) -> None:
     """Add a line to the results' log. If the log cannot be written, as on a read-only disk, print a sentence instead.
 
-    what: the operation, such as "measure"; files: names of the files that it wrote; by: initials of the user; about:
-    options of the operation.
+    what: the operation, such as "measure"; files: names of the files that the operation wrote; by: initials of the
+    user; about: options of the operation.
     """
     from anchorpose.results.verify import LOG_FILE, add_event
 

@@ -1,4 +1,4 @@
-"""Write the sentences that ``anchorpose demo`` prints at its end: an evaluation in words."""
+"""Write the sentences that ``anchorpose demo`` prints at its end: the figures of an evaluation in words."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _accuracy(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _seen_and_inferred(evaluation: Evaluation) -> Iterator[str]:
-    """Yield one sentence each on seen and inferred joints: their share and their mean error."""
+    """Yield a sentence on seen joints and a sentence on inferred joints, with their share and their mean error."""
     for words, errors in (("seen", evaluation.observed), ("hidden and inferred", evaluation.hidden)):
         if errors.mean_mm is not None:
             share = 100 * errors.joint_frames / evaluation.overall.joint_frames

@@ -252,7 +252,7 @@ def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput |
 
 @contextmanager
 def stop_on_signals() -> Iterator[Event]:
-    """Yield an event that the first Ctrl+C, or the system's request to end, sets; a second one ends the process."""
+    """Yield an event that the first Ctrl+C or the system's request to end sets; a second request ends the process."""
     stop = Event()
     before: dict[int, Any] = {}
 

@@ -46,7 +46,7 @@ def experiment(
     """
     settings = _settings(quick, config)
     for name in KERNELS:
-        os.environ.setdefault(name, "1")  # one thread, so that the number of cores does not change the movements
+        os.environ.setdefault(name, "1")  # one thread, so that the movements do not depend on the number of cores
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as stopped:

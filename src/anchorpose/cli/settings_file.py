@@ -65,7 +65,7 @@ def tracking_settings(path: Path | None) -> TrackConfig:
 
 
 def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """If the command line leaves out an option, take its value from the settings file (called by cyclopts).
+    """Take the value of each option that the command line leaves out from the settings file (called by cyclopts).
 
     Raises InputError for an unknown option, and if any setting of tracking in the file is refused.
     """
@@ -86,7 +86,7 @@ def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentColle
 
 
 def require_options(path: Path, verb: str, table: object, options: set[str]) -> None:
-    """Raise InputError unless ``table`` is a table and its names are among the options of the command ``verb``."""
+    """Raise InputError unless ``table`` is a table whose names are all options of the command ``verb``."""
     if not isinstance(table, dict):
         raise InputError(
             path, f"'{verb}' is not a table", f"write [{verb}], and options of 'anchorpose {verb}' below it"
@@ -103,7 +103,7 @@ def require_options(path: Path, verb: str, table: object, options: set[str]) -> 
 def unknown_key(path: Path, place: str, name: str, known: set[str], otherwise: str) -> InputError:
     """Return the error for an unknown name; its remedy is the nearest known name, or ``otherwise`` if none is similar.
 
-    place: the name together with its table, such as track.threads.
+    place: the unknown name together with its table, such as track.threads.
     """
     from anchorpose.settings import LONGEST_KEY, nearest_key
 

@@ -146,7 +146,7 @@ class SimulateOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
 
     def _body(self) -> OtherBody | None:
-        """Return the options on the patient's body, None if none is given."""
+        """Return the options on the patient's body, None if no such option is given."""
         from anchorpose.settings import sentence_of
         from anchorpose.simulate.bodies import OtherBody
 
@@ -236,8 +236,8 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
 
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
-DEMO_SEED = 3  # with this seed, the patient and not the therapist is nearest to the camera at the start
-DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked in half the time of 30
+DEMO_SEED = 3  # with this seed, the patient (not the therapist) is nearest to the camera at the start
+DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked in half the time of 30 frames per second
 
 
 def demo(

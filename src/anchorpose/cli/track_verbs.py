@@ -55,8 +55,8 @@ class RunOptions:
     """Replace an existing results folder."""
 
     def settings(self, **more: Any) -> TrackConfig:
-        """Return the settings of the settings file; the given options and ``more`` replace some of them. Raises
-        AnchorposeError if the result is contradictory.
+        """Return the settings of the settings file; the given options and ``more`` replace some of these settings.
+        Raises AnchorposeError if the resulting settings contradict each other.
         """
         from anchorpose.settings import sentence_of
 
@@ -136,7 +136,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
     """Track a recording on this machine into a local results folder, show progress, and print a summary.
 
-    go_on: what the user runs to continue after a stop, in words; None: the same command with --resume.
+    go_on: words for the command with which the user continues after a stop; None: the same command with --resume.
     """
     from anchorpose.api.track import Options, track_watched
     from anchorpose.cli.console import OnConsole, print_outcome

@@ -33,7 +33,7 @@ class PageOptions:
 
     @contextmanager
     def showing(self, address: str, what: str, others_may: str) -> Iterator[None]:
-        """Print the address and open it in the browser for the time of the with block.
+        """Print the address and open it in the browser for the duration of the with block.
 
         what: the page's name in the message; others_may: what other people with the address can do.
         """

@@ -31,16 +31,16 @@ STEP: Final = 2  # pixels of the input from one output of the network to the nex
 # width and height of the network's image are multiples of this, since the network halves it five times
 MULTIPLE: Final = 32
 SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
-# maximum tangent of a ray's angle to the optical axis (50 degrees), since training images show no wider view
+# maximum tangent of the angle (50 degrees) between a ray and the optical axis, since training images show no wider view
 WIDEST: Final = 1.2
 FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
 NEAREST_M: Final = 0.3  # m; a nearer value counts as no reading
 # two windows for relief, which is the depth minus its mean in the window: the window's side in pixels, and the limit in
 # m to which its relief is clipped
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
-OFFSET: Final = 0.1  # in statures: the network gives places within a patch of skin in units of this length
+OFFSET: Final = 0.1  # in statures, unit of length in which the network gives places within a patch of skin
 LARGEST_BYTES: Final = 64_000_000  # bytes, maximum size of a file of weights; the package's file has 4 MB
-LONGEST_LINE: Final = 4096  # bytes, maximum length of the first line of such a file
+LONGEST_LINE: Final = 4096  # bytes, maximum length of the first line of a file of weights
 REMEMBERED: Final = 8  # number of described images kept in memory, enough for two moments of four cameras
 FORMAT: Final = "anchorpose-learnt-descriptor"
 REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of the package"
@@ -54,7 +54,7 @@ class Described(NamedTuple):
 
     row: np.ndarray  # (h, w) int64, row of each ray's pixel in the image, 0 without a reading
     column: np.ndarray  # (h, w) int64, column of the same pixel
-    read: np.ndarray  # (h, w) bool, whether there is a reading
+    read: np.ndarray  # (h, w) bool, whether the pixel has a reading
     person: np.ndarray  # (h, w) float32, probability that the pixel shows a person, 0 without a reading
     # (h, w, 3) float32, place on the mean adult, standing, scaled to stature 1: X forward, Y up from the floor, Z right
     place: np.ndarray
@@ -113,8 +113,8 @@ def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None) -> Described:
-    """Describe one depth image (height, width), metres, 0 without a reading; by default with the ``weights`` of the
-    package.
+    """Describe one depth image (height, width), metres, 0 without a reading. By default, the package's ``weights`` are
+    used.
 
     A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError if the image
     has another size than the camera's images, or a field of view of less than 9 degrees.
@@ -149,7 +149,8 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return ``describe`` of an image. The results for the last images are kept, since several stages need them.
+    """Return ``describe`` of an image. The results for the last images are kept in memory, since several stages need
+    them.
 
     An image must not be changed after it was described, since it is recognised by its identity and not by its content.
     Raises InputError with the camera's name if ``describe`` raises an error.
@@ -172,7 +173,9 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, per pixel (height, width), row and column of the nearest ray of ``Described``; whether there is one."""
+    """Return three arrays (height, width): row and column of each pixel's nearest ray of ``Described``; whether a ray
+    is near.
+    """
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
 
@@ -199,10 +202,10 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
-    """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether there is a reading, relief relative
-    to two local means, and 1 / depth.
+    """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether the pixel has a reading, relief
+    relative to two local means, and 1 / depth.
 
-    It must give the same values as ``inputs_of`` in ``tools/train_descriptor.py``.
+    The values must be the same as those of ``inputs_of`` in ``tools/train_descriptor.py``.
     """
     import cv2
 
@@ -219,9 +222,9 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera of ``FOCAL_PX``, and whether
-    there is such a pixel.
+    the image has such a pixel.
 
-    The nearest pixel is used instead of a mean, since at an edge nothing is at the mean depth.
+    The nearest pixel is used instead of a mean of neighbours, since at an edge nothing is at the mean depth.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX

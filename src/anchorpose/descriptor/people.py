@@ -18,7 +18,7 @@ APART_M: Final = 0.35
 trained on, 96 % of the votes are nearer than this to the pelvis of their person.
 """
 
-NEAR_M: Final = 0.2  # m, radius around a place within which votes count for one pelvis, twice a vote's median error
+NEAR_M: Final = 0.2  # m, radius within which votes count for the same pelvis; twice a vote's median error
 STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
@@ -47,11 +47,13 @@ class FoundPerson:
 def find_people(
     said: Sequence[Described | None], depths_m: Sequence[np.ndarray | None], poses: Sequence[np.ndarray]
 ) -> tuple[FoundPerson, ...]:
-    """Return the people in described images (height, width) of one moment, the one with the largest seen area first.
+    """Return the people in described images (height, width) of one moment; the person with the largest seen area comes
+    first.
 
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera. A pelvis is
-    where the votes of all cameras are densest, weighted by the area that each pixel shows. The next pelvis is found
-    among the votes at least ``APART_M`` from all earlier pelvises. A pixel belongs to the pelvis nearest to its vote.
+    where the votes of all cameras are densest, weighted by the area that each pixel shows. The next pelvis is searched
+    among the votes at least ``APART_M`` from all pelvises found before. A pixel belongs to the pelvis nearest to its
+    vote.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -97,7 +99,7 @@ def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """The votes of one camera."""
+    """The votes of one camera for pelvises."""
 
     found: np.ndarray  # (h, w) bool, rays that show a person
     pelvis_m: np.ndarray  # (n, 3) votes of these rays for a pelvis, in the common frame
@@ -128,7 +130,7 @@ def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray 
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the places (p, 3) around which votes (n, 3) are densest, the place with most weight of votes first."""
+    """Return the places (p, 3) around which votes (n, 3) are densest, in decreasing order of the votes' weight."""
     step = 1 + len(votes_m) // MOST_VOTES
     votes_m, weight = votes_m[::step], weight[::step] * step
     left, found = np.ones(len(votes_m), dtype=bool), list[np.ndarray]()
@@ -143,8 +145,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight of votes around it. The search starts at that one of about 200 votes for
-    which this weight is largest, and moves to the mean of the votes around it until the place no longer changes.
+    """Return the place (3,) with most weight of votes around it. The search starts at the best of about 200 votes, and
+    moves to the mean of the votes around it until the place stays the same.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

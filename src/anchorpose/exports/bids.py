@@ -1,7 +1,7 @@
 """Write BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one
 recording.
 
-Each column of motion.tsv is a channel; trials, contacts and episodes are BIDS events beside the motion.
+Each column of motion.tsv is a channel; trials, contacts and episodes are BIDS events in the file events.tsv beside it.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of motion.tsv, one per frame with a cell per channel."""
+    """Yield the rows of motion.tsv: one row per frame, with one cell per channel."""
     for rows in blocks(len(channels[0].values)):
         columns = (channel.values[rows].tolist() for channel in channels)
         yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)
@@ -98,7 +98,7 @@ EVENT_COLUMNS: Final = ("onset", "duration", "trial_type", "trial", "part", "per
 
 
 def events_of(folder: Path, start_s: float, trials: Trials | None) -> list[tuple[str, ...]]:
-    """Return the rows of events.tsv, one for each trial, contact and episode in a results folder, sorted by onset.
+    """Return the rows of events.tsv, sorted by onset: one row for each trial, contact and episode in a results folder.
 
     A row has ``EVENT_COLUMNS``, then the columns that the user added to the trials; onsets are in s since ``start_s``.
     """
@@ -209,7 +209,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Write events.tsv and its JSON file, or neither if there are no events, as BIDS requires."""
+    """Write events.tsv and its JSON file or, without events, neither file, as BIDS requires."""
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
     events = events_of(source.folder, float(source.samples.time_s[0]), trials)
     if events:

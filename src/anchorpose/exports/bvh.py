@@ -24,7 +24,7 @@ from anchorpose.rotations import unit
 ROOT: Final = "SpineBase"
 
 # For each node, by name: its parent node, the joint at its origin, and the joint that it points to. If several bones
-# begin at a joint, each has a node there, so that every bone keeps its direction.
+# begin at a joint, each bone has its own node there, so that every bone keeps its direction.
 _TREE: Final = {
     "LowerSpine": ("SpineBase", "SpineBase", "SpineMid"),
     "SpineMid": ("LowerSpine", "SpineMid", "SpineShoulder"),
@@ -120,9 +120,10 @@ def skeleton_of_poses(
     """Build one node per moving bone of the body model from poses.parquet; return the nodes, and the positions (g, 3)
     of the root in metres at the g times of the regular grid.
 
-    A node has the bone's name in the CMU motion collection. Offsets are medians over the recorded frames. At a grid
-    time between two recorded frames, a rotation is the normalised, weighted mean of the quaternions in these frames.
-    Raises InputError if the frames in poses.parquet are not ``frame`` (n,), those of the joints.
+    Nodes have the names that their bones have in the CMU motion collection. Offsets are medians over the recorded
+    frames. At a grid time between two recorded frames, a rotation is the normalised, weighted mean of the quaternions
+    in these frames. Raises InputError if the frames in poses.parquet differ from ``frame`` (n,), the frames of the
+    joints.
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):
@@ -141,7 +142,7 @@ def skeleton_of_poses(
 
 
 def _parent(name: str) -> int:
-    """Return the index in ``MOVING_BONES`` of the next moving bone above a bone in the hierarchy; -1 for the root."""
+    """Return the index in ``MOVING_BONES`` of a bone's nearest moving ancestor in the hierarchy; -1 for the root."""
     asset = load_body_asset()
     above = int(asset.bone_parents[asset.bone(name)])
     while above >= 0 and asset.bone_names[above] not in MOVING_BONES:
@@ -169,7 +170,9 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,) over n frames of a world vector (n, 3) in a bone's axes; NaN if all n are NaN."""
+    """Return the median (3,), over n frames, of a world vector (n, 3) that is converted to a bone's axes; NaN if all n
+    are NaN.
+    """
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(3, np.nan)
@@ -182,7 +185,7 @@ _PLACE, _TURN = "Xposition Yposition Zposition", "Zrotation Xrotation Yrotation"
 
 def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     """Write motion.bvh, or one file for each stretch of frames in which all written bones are known; raises
-    AnchorposeError if there is no such stretch.
+    AnchorposeError without such a stretch.
     """
     regular = regular_samples(source.samples)
     from_poses = (source.folder / POSES_FILE).exists()

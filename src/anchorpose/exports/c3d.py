@@ -36,7 +36,7 @@ LARGEST_FRAMES: Final = 65535
 """Maximum number of frames in a file, since the format counts frames with 16 bits. A longer recording is split."""
 
 LARGEST_RESIDUAL: Final = 255.0  # maximum residual in mm, since the file stores it in one byte
-NOT_GIVEN: Final = -1.0  # value of a missing sigma, since an analog channel has no mark for missing values
+NOT_GIVEN: Final = -1.0  # value for a missing sigma, since an analog channel has no mark for missing values
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
@@ -180,7 +180,7 @@ class Event:
 
 def read_events(folder: Path) -> tuple[Event, ...]:
     """Return the beginnings and ends of all episodes and contacts in a results folder, in the order of time; empty if
-    the folder has no tables of these.
+    the folder has no tables of episodes and contacts.
     """
     return tuple(sorted([*_of_episodes(folder / EPISODES_FILE), *_of_contacts(folder / CONTACTS_FILE)]))
 
@@ -202,7 +202,7 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     """Add the C3D group EVENT to an ezc3d file whose frames are at time_s (n,); return the number of events added.
 
-    Events before the first and after the last frame are left out. If more than ``MOST_EVENTS`` remain, those with the
+    Events before the first and after the last frame are left out. If more than ``MOST_EVENTS`` remain, events with the
     context ``GENERAL`` (contacts and posture) are left out first.
     """
     inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]

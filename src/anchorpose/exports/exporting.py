@@ -1,4 +1,5 @@
-"""Export a results folder: each format into a separate folder, and either all formats or none. CSV is written here.
+"""Export a results folder: write each format into a separate folder, either all formats or none. This module also
+writes CSV.
 
 The CSV export has every table of the results, wide tables of joints and angles, a long table of the measures of all
 trials, and a dictionary of all columns.
@@ -141,7 +142,7 @@ def _kind(kind: pa.DataType) -> str:
 
 
 def _cells(column: pa.ChunkedArray) -> list[str]:
-    if pa.types.is_float32(column.type):  # write the shortest text that reads back as the same float32
+    if pa.types.is_float32(column.type):  # write the shortest text that gives the same float32 when read
         return ["" if value is None or value != value else str(np.float32(value)) for value in column.to_pylist()]
     return [_cell(value) for value in column.to_pylist()]
 
@@ -165,7 +166,7 @@ def _write_wide(
     path: Path, source: Source, things: Sequence[str], parts: dict[str, np.ndarray]
 ) -> list[tuple[str, ...]]:
     """Write a wide table, with a row per frame and the columns ``parts`` for each of ``things`` (joints or angles);
-    return its rows of the data dictionary.
+    return the rows that describe the table in the data dictionary.
     """
     columns = {"frame": source.frame, "time_s": source.samples.time_s}
     dictionary = [_described(path.name, "frame", "whole number", "frame")]
@@ -214,7 +215,7 @@ def export_results(
     """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with its product.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced only with
-    ``overwrite``; other folders and files are never touched. If InputError or MissingPackage is raised, nothing was
+    ``overwrite``; other folders and files are never touched. If InputError or MissingPackage is raised, no file was
     written.
     """
     target = out if out is not None else results / EXPORTS_FOLDER
@@ -248,14 +249,16 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return patterns of the files that an earlier export wrote into a folder (they may be replaced); empty if none."""
+    """Return patterns of the files that an earlier export wrote into a folder, which may be replaced; empty without
+    such files.
+    """
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()
 
 
 def _write_record(folder: Path, kind: Format, sha256: tuple[tuple[str, str], ...], product: Product) -> None:
-    """Write export.json. sha256: name and hash of each table of the results, sorted by name."""
+    """Write export.json into ``folder``. sha256: name and hash of each table of the results, sorted by name."""
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     document: dict[str, Any] = {
         "format": "anchorpose-export",

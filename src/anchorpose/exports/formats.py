@@ -1,4 +1,6 @@
-"""Define what each format's writer gets (the data of a results folder) and returns (a report of what it wrote)."""
+"""Define the input of each format's writer (the data of a results folder) and its result (a report on the written
+files).
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,8 @@ class Samples:
     """Joints and angles of every frame.
 
     time_s (n,) float64, increasing; position_m (n, 21, 3) world, NaN where missing; joint_sigma_m (n, 21);
-    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a): the same for the
-    angles named in ``angles``.
+    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a): value, sigma and
+    state code of the angles named in ``angles``.
     """
 
     time_s: np.ndarray
@@ -71,7 +73,8 @@ class Source:
 
 
 def read_source(folder: Path, kind: Format) -> Source:
-    """Read the joints of a results folder, and the angles if there are any and the format ``kind`` has them.
+    """Read the joints of a results folder, and the angles if the folder has any and the format ``kind`` includes
+    angles.
 
     Raises InputError for tables that cannot be read.
     """
@@ -92,7 +95,7 @@ def _no_angles(joints: JointTable) -> _Angles:
 
 def _angles(path: Path, joints: JointTable) -> _Angles:
     """Read the names of the angles, and their degrees, sigma and state code (n, a) in each frame of the joints; a frame
-    without angles gets NaN and the code of the state lost.
+    without angles gets NaN and the code of the state ``lost``.
     """
     if not path.exists():
         return _no_angles(joints)
@@ -115,7 +118,7 @@ class Product:
     """The report of a format's writer on the files that it wrote, for export.json. axes, units: descriptions in words.
 
     time: how the times were changed; missing: the mark of a missing value; counts: numbers by which the files can be
-    checked, such as that of the frames written; notes: further information for people.
+    checked, such as the number of frames written; notes: further information for people.
     """
 
     axes: str
@@ -128,14 +131,14 @@ class Product:
 
 
 def number_text(value: float) -> str:
-    """Return a number as the shortest decimal that reads back as the same double; empty for NaN."""
+    """Return a number as the shortest decimal text that gives the same double when read; empty for NaN."""
     if math.isnan(value):
         return ""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
 def rounded_text(value: float, digits: int, missing: str) -> str:
-    """Format a number with this many digits after the point, without trailing zeros; ``missing`` for NaN."""
+    """Format a number with at most ``digits`` digits after the point, without trailing zeros; ``missing`` for NaN."""
     if math.isnan(value):
         return missing
     text = f"{value:.{digits}f}"

@@ -1,8 +1,8 @@
 """Compute joint coordinates with the names, signs and zeros of OpenSim's whole-body models, from joint centres.
 
 Axes are X forward, Y up, Z right, as OpenSim's bodies have them. Joint centres do not determine the rotation of thigh,
-upper arm and forearm about their long axes; the knee and elbow axes of the patient's learnt body model determine it for
-thigh and upper arm.
+upper arm and forearm about their long axes; for thigh and upper arm, this rotation follows from the knee and elbow axes
+of the patient's learnt body model.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
 """Leans of the spine, in degrees, if the body model's mean shape stands upright: the line from the hips to SpineMid
 leans back by ``LOWER_SPINE_LEAN_DEG``, the line from SpineMid to SpineShoulder leans forward by
-``UPPER_SPINE_LEAN_DEG``. They define the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG`` defines that
-of the ankle; a test compares them with the body model.
+``UPPER_SPINE_LEAN_DEG``. These leans define the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG``
+defines the zero of the ankle; a test compares these values with the body model.
 """
 
 
@@ -81,8 +81,8 @@ def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return flexion and adduction (n,) of a limb, which hangs along -Y if both are zero; direction (n, 3): along the
-    limb, in the axes of the pelvis or trunk.
+    """Return flexion and adduction (n,), in degrees, of a limb. If both are zero, the limb hangs along -Y. direction
+    (n, 3): along the limb, in the axes of the pelvis or trunk.
 
     side: 1 right, -1 left; adduction is towards the body's midline on both sides.
     """
@@ -119,8 +119,8 @@ class HingeAxes:
 
 
 def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
-    """Read the axes of knees and elbows from poses.parquet; None if there is no such table. Raises InputError if its
-    frames are not ``frame`` (n,).
+    """Read the axes of knees and elbows from poses.parquet; None if the results have no such table. Raises InputError
+    if the table's frames are not ``frame`` (n,).
     """
     if not path.exists():
         return None
@@ -152,8 +152,8 @@ SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
 def opensim_coordinates(
     position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
 ) -> dict[str, np.ndarray]:
-    """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out those that joints do not
-    determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
+    """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out coordinates that joints
+    do not determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
     computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these
@@ -191,8 +191,8 @@ def _leg(
 
 
 def _knee_deg(position_m: np.ndarray, side: str) -> np.ndarray:
-    """Return the knee angle (n,), degrees, as in angles.parquet; it may be negative in a nearly straight knee, since
-    OpenSim's models can overextend the knee.
+    """Return the knee angle (n,), degrees, as in angles.parquet; the angle may be negative in a nearly straight knee,
+    since OpenSim's models can overextend the knee.
     """
     names = (f"Hip{side}", f"Knee{side}", f"Ankle{side}", "HipLeft", "HipRight")
     ((radians, lever),) = knee_flexion({name: joint(position_m, name).T for name in names}, side)
@@ -225,12 +225,12 @@ DIGITS: Final = 6  # number of digits after the point
 
 def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     """Write motion.mot, or one file for each stretch of frames without a pause in which all written coordinates are
-    known; raises AnchorposeError if there is no such stretch.
+    known; raises AnchorposeError without such a stretch.
     """
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
     names = tuple(coordinates)
-    whole = np.stack([coordinates.pop(name) for name in names], axis=1)  # popped, since long results need the memory
+    whole = np.stack([coordinates.pop(name) for name in names], axis=1)  # popped, to free memory for long results
     stretches = stretches_of(np.isfinite(whole), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")

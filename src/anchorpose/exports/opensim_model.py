@@ -57,14 +57,14 @@ def measure_body(position_m: np.ndarray) -> Places | None:
         slope, length["Hand"] = (
             np.radians(SOLE_SLOPE_DEG),
             length["Wrist"] + length["Hand"],
-        )  # the model has one body for forearm and hand
+        )  # forearm and hand are a single body in the model
         found |= {f"{end}{side}": np.array([0.0, -length_m, 0.0]) for end, length_m in length.items()}
         found[f"Foot{side}"] = length["Foot"] * np.array([np.cos(slope), -np.sin(slope), 0.0])
     return found if all(np.isfinite(place).all() for place in found.values()) else None
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median (k,) over the rows of values (n, k) that have no NaN; NaN if there are no such rows."""
+    """Return the median (k,) over the rows without NaN of values (n, k); NaN if every row has a NaN."""
     known = values[np.isfinite(values).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 
@@ -113,7 +113,7 @@ class OsimBody:
 
 
 def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
-    """Return all OpenSim bodies, parents first. Their coordinates have the names and signs of ``model``."""
+    """Return all OpenSim bodies, parents first. The bodies' coordinates have the names and signs of ``model``."""
     sided = [part for side in SIDES for part in (*_leg(body, *side, model), *_arm(body, *side))]
     return (_pelvis(body), *_trunk(body), *sided)
 
@@ -124,7 +124,7 @@ def _some(body: Places, *names: str) -> Places:
 
 
 def _pelvis(body: Places) -> OsimBody:
-    turns = tuple(  # wide ranges: if a turning patient reached a limit, inverse kinematics would stop
+    turns = tuple(  # ranges are wide, since inverse kinematics would stop if a turning patient reached a limit
         OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
         for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
@@ -314,8 +314,8 @@ def _coordinate(coordinate: OsimCoordinate) -> ElementTree.Element:
 
 
 def _transform(coordinates: tuple[OsimCoordinate, ...]) -> ElementTree.Element:
-    """Return the XML of a joint's axes: three of rotation, then three of translation; an axis without a coordinate is
-    fixed.
+    """Return the XML of a joint's axes: three axes of rotation, then three axes of translation; an axis without a
+    coordinate is fixed.
     """
     transform = xml("SpatialTransform")
     for kind, moves in (("rotation", False), ("translation", True)):

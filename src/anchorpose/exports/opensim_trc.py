@@ -1,4 +1,6 @@
-"""Write TRC, a file of marker positions for OpenSim with one marker per joint, and a model and set-up files for it."""
+"""Write TRC, a file of marker positions for OpenSim with one marker per joint, and a model and set-up files for this
+file.
+"""
 
 from __future__ import annotations
 
@@ -69,16 +71,16 @@ def trc_body(samples: Samples) -> Iterator[list[str]]:
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# Weights of markers; others have the weight 1. The model cannot move shoulder girdle and wrist, so markers there fit
-# less well.
+# Weights of markers; other markers have the weight 1. The model cannot move shoulder girdle and wrist, so markers there
+# fit less well.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
 # Coordinates that are held near zero: markers do not determine the rotation of a straight limb about its long axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
-_FREE_WEIGHT: Final = 1e-4  # so weak that it does not shift coordinates that markers determine
+_FREE_WEIGHT: Final = 1e-4  # so small that it does not shift coordinates that markers determine
 
 # For each measurement, by name: the two markers whose distance is measured, the body to scale, and the axes along which
-# it is scaled.
+# the body is scaled.
 _MEASUREMENTS: Final = {
     "pelvis_width": (("HipLeft", "HipRight"), "pelvis", "Z"),
     "lower_spine": (("SpineBase", "SpineMid"), "pelvis", "X Y"),
@@ -105,7 +107,7 @@ MODEL_FILE, SCALE_FILE = "model.osim", "scale_setup.xml"
 def ik_setup_xml(name: str, result: str, markers: Sequence[str], period_s: Iterable[float]) -> str:
     """Return a set-up file of OpenSim's inverse kinematics tool for a stretch of frames; markers: the markers to use.
 
-    result: name of the motion file. OpenSim writes it beside the set-up file, and the marker errors to
+    result: name of the motion file. OpenSim writes this file beside the set-up file, and the marker errors to
     ``name``_ik_marker_errors.sto. period_s: times of the first and the last frame.
     """
     settings = xml_texts(
@@ -166,8 +168,8 @@ def _measurement(name: str, pair: tuple[str, str], body: str, axes: str) -> Elem
 
 
 # OpenSim's inverse kinematics stops at a frame with fewer than three markers, and repeats a coordinate's last value
-# where the markers that determine it are missing. So it gets only frames in which all joints of trunk and legs are
-# known. Missing arms or head do not split a recording.
+# where the markers that determine it are missing. So the tool gets only frames in which all joints of trunk and legs
+# are known. Missing arms or head do not split a recording.
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
@@ -215,8 +217,8 @@ def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
 
 
 def _write_scale(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
-    """Write the set-up of the scale tool, which uses at most a second in which all markers are known: OpenSim warns of
-    a missing marker and skips the measurements that need it.
+    """Write the set-up of the scale tool. The tool uses at most a second in which all markers are known, since OpenSim
+    skips the measurements that need a missing marker, and warns.
     """
     runs = runs_where(np.asarray(known.all(axis=1)))
     if not runs:

@@ -1,4 +1,5 @@
-"""Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need these.
+"""Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need a fixed rate
+or no gaps.
 
 Measured samples stay unchanged wherever their times allow it.
 """
@@ -23,7 +24,7 @@ share of the time between frames. At 30 frames per second, this is 0.3 ms, in wh
 
 
 MOST_ROWS: Final = 20
-"""Maximum number of grid frames per recorded frame; if there are more, the recording consists mostly of pauses."""
+"""Maximum number of grid frames per recorded frame; with more, the recording consists mostly of pauses."""
 
 
 class TimeBase(StrEnum):
@@ -66,7 +67,9 @@ class Interpolation:
         return np.where(self.bridged[fit], mixed, np.nan)
 
     def worse_state(self, state_code: np.ndarray) -> np.ndarray:
-        """Return the worse state code, (g, ...), of the two samples around each grid time; in a gap, that of lost."""
+        """Return the worse state code, (g, ...), of the two samples around each grid time; in a gap, the code of
+        ``lost``.
+        """
         share, left, right = self.share[:, None], state_code[self.before], state_code[self.before + 1]
         worst = np.where(share == 0.0, left, np.where(share == 1.0, right, np.maximum(left, right)))
         return np.where(self.bridged[:, None], worst, LOST).astype(np.int8)
@@ -87,11 +90,11 @@ class RegularSamples:
 def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate; at times without samples, values are NaN and every state is ``lost``.
 
-    If all times lie on a regular grid, times and values stay bit for bit, and grid frames that were not recorded are
-    added without values. Otherwise values are interpolated linearly between the two samples around each new time, if
-    these are near in time and both have a value. The state is the worse of their two states. Sigma is interpolated too,
-    as if both samples had the same error. Raises AnchorposeError if there is only one frame, or if recording mostly
-    paused.
+    If all times lie on a regular grid, times and values stay unchanged to the bit, and grid frames that were not
+    recorded are added without values. Otherwise values are interpolated linearly between the two samples around each
+    new time, if these samples are near in time and both have a value. The state is the worse state of the two samples.
+    Sigma is interpolated too, as if both samples had the same error. Raises AnchorposeError for a single frame, or if
+    the recording mostly paused.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
@@ -114,7 +117,7 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
     """Return (n - 1,) bool: whether a frame and the next are so near in time (``LONGEST_STEP``) that no frame is
-    missing between them; raises AnchorposeError for one frame.
+    missing between them. Raises AnchorposeError if there is only one frame.
     """
     return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
 
@@ -127,7 +130,7 @@ def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
     steps_s = np.diff(time_s)
     step_s = float(np.median(steps_s))
-    for _ in range(3):  # each step is rounded on its own, so that an error of step_s does not add up
+    for _ in range(3):  # each step is rounded separately, so that an error of step_s does not add up
         slot = np.concatenate([[0], np.cumsum(np.rint(steps_s / step_s).astype(np.int64))])
         step_s = float((time_s[-1] - time_s[0]) / max(slot[-1], 1))
     for rate_hz in (*(round(1.0 / step_s, digits) for digits in (0, 1, 2, 3, 6)), 1.0 / step_s):
@@ -148,8 +151,8 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times, equal to the samples' at the indices ``slot``, and the interpolation; other grid times are
-    gaps.
+    """Return grid times and the interpolation. At the indices ``slot``, grid times are equal to the samples' times; all
+    other grid times are gaps.
     """
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
@@ -164,7 +167,7 @@ def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.n
 
 
 def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times from the first sample to the last, and the samples on both sides of each."""
+    """Return grid times from the first sample to the last, and the samples on both sides of each grid time."""
     count = int(np.floor((time_s[-1] - time_s[0]) * rate_hz + NEAR_SHARE)) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
     before = np.clip(np.searchsorted(time_s, grid_s, side="right") - 1, 0, len(time_s) - 2)
@@ -215,7 +218,7 @@ def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretch
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
     """Return the first and one past the last frame of each run of two or more True values in ``whole`` (n,) bool.
 
-    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all are.
+    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all frames are.
     """
     return tuple((run.start, run.stop) for run in runs_of(whole, joined) if run.stop - run.start >= 2)
 

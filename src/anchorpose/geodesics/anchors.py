@@ -3,8 +3,8 @@
 Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, the height
 above the body's middle, and the distance to the left of the middle. (2) Its path to the centre: where the path enters
 the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the
-predicted place. The cost of (3) is bounded: it decides only if place and path do not, so a wrong prediction does not
-confirm itself.
+predicted place. The cost of (3) is bounded, so the prediction decides only if place and path do not, and a wrong
+prediction does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -30,8 +30,8 @@ LIMBS: Final = 4  # number of hands and feet, which follow the head
 
 PLACES: Final = np.array(
     # columns: distance of the extremum from the centre along the surface; height of the extremum above the body's
-    # middle, and its distance to the left of the middle; the same two values of the place where its path enters the
-    # trunk
+    # middle, and its distance to the left of the middle; height and distance to the left of the place where its path
+    # enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -56,19 +56,19 @@ TOLERANCES: Final = np.array(
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 """Distances of hands and feet from the head along their paths, in body heights; a hand above the head has 0.25."""
 
-FROM_HEAD_TOLERANCE: Final = 0.20  # spread of the distances in ``FROM_HEAD``, divided by the body height
+FROM_HEAD_TOLERANCE: Final = 0.20  # spread of each distance in ``FROM_HEAD``, divided by the body height
 # The unit of all costs is one tolerance: the spread of a value, as in ``TOLERANCES``.
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
 PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
 # cost added for an anchor without a prediction; the limit ``MISSED`` then allows 3 tolerances from the usual place
 UNPREDICTED: Final = 1.0
-# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. It is less than
-# ``MISSED``, so that such an extremum can be the anchor in any pose
+# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. This is less than
+# ``MISSED``, so that an extremum near the prediction can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
 # get the anchor's name
 CLEAR: Final = 2.0
-# tolerances; a value that differs more from the usual one counts as this, since an arm may be crossed or a path wrong
+# tolerances; larger differences from the usual value are cut to this, since an arm may be crossed or a path wrong
 FARTHEST_OFF: Final = 3.0
 # cost added for hands and feet if no head is found, since their distances from the head are then missing
 HEADLESS: Final = 1.5
@@ -89,8 +89,8 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
     """Return the distance of each extremum from each anchor's usual place, and the distances between extrema.
 
     The first result is (k, 5) in squared tolerances: the sum over the five values of ``PLACES``, each limited to
-    ``FARTHEST_OFF``. The second is (k, k), divided by the body height: down the path of one extremum, straight across
-    the trunk, and up the path of the other.
+    ``FARTHEST_OFF``. The second is (k, k), divided by the body height, and measured down the path of one extremum,
+    straight across the trunk, and up the path of the other.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -116,8 +116,9 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema: along one path to some place, straight from there to a place on the
-    other path, and along that path. Of all pairs of places (k, l, 3) on the paths, those with the least sum are used.
+    """Return the distance (k, k) between extrema: along one path to some place, straight from this place to a place on
+    the other path, and along the other path. Among all pairs of places (k, l, 3) on the two paths, the pair with the
+    least sum is used.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -130,10 +131,11 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
     off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
     gate; NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
-    its value in ``off2`` (for hands and feet, plus that of ``_off_head2``), plus at most ``PREDICTION`` for the
+    its value in ``off2`` (for hands and feet, plus the value of ``_off_head2``), plus at most ``PREDICTION`` for the
     distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if it
-    is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to that of another. All this is
-    computed with each extremum as the head, and without a head; the result with the least cost is returned.
+    is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to the usual place of another
+    anchor. The assignment is computed with each extremum as the head, and without a head; the one with the least cost
+    is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -161,14 +163,16 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return (k, 4) squared tolerances: how much distances (k,) from the head differ from each limb's ``FROM_HEAD``."""
+    """Return (k, 4) squared tolerances: how much each extremum's distance from the head differs from each limb's
+    ``FROM_HEAD``.
+    """
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. A row and
-    a column that cost ``MISSED`` or more are not paired.
+    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. Rows and
+    columns whose pairing costs ``MISSED`` or more are not paired.
     """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
@@ -210,7 +214,7 @@ class AnchorConfig:
 # gate of the head, divided by the body height; a head moves less than a hand, and the neck of a hidden head, which must
 # not be taken for the head, is 20 cm away
 HEAD_GATE: Final = 0.18 / 1.75
-# divided by the body height; an extremum within this distance of its prediction is the limb's end even if it lies at a
+# distance divided by the body height; an extremum this near to its prediction is the limb's end even if it lies at a
 # cut, or if hidden skin continues there
 END_GATE: Final = 0.09 / 1.75
 
@@ -230,7 +234,8 @@ def find_anchors(
     up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
     subject's height. cut (n,) bool: nodes at a border where something else cuts the surface (``surface.border``); an
     extremum there is not an anchor, unless another camera sees the end. predicted_m (5, 3) world: the predicted place
-    of each anchor, NaN if unknown; None without any. missing (5,) bool: anchors of limbs that the patient lacks.
+    of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that the patient
+    lacks.
 
     Names are assigned with the least total cost (``name_extrema``). An anchor is missed if every extremum costs too
     much; all are missed on a surface without seen nodes. Left and right follow ``facing``. If it is wrong by half a
@@ -247,7 +252,7 @@ def find_anchors(
     frame = Frame(up, np.cross(up, facing), height_m)
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
-    excluded = no_end & ~(away < END_GATE)  # unless near the predicted end: a hand on a rail ends at a cut
+    excluded = no_end & ~(away < END_GATE)  # unless the end is predicted nearby: a hand on a rail ends at a cut
     excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
@@ -289,7 +294,7 @@ def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tupl
 
 
 def no_anchors() -> Anchors:
-    """Return anchors that are all missed."""
+    """Return five missed anchors."""
     count = len(ANCHOR_NAMES)
     return Anchors(np.full(count, -1, np.int32), np.full((count, 3), np.nan), np.full(count, np.nan))
 
@@ -297,8 +302,8 @@ def no_anchors() -> Anchors:
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
     """Return (k, 5) bool: True where a cap cannot be an anchor.
 
-    If the cap's piece contains hidden skin, this skin shows whether a limb continues beyond its cap, better than an
-    edge in the depth frame does. In such a piece every cap may be the head, since hidden skin continues beyond every
+    If the cap's piece of surface contains hidden skin, this skin shows better than an edge in the depth frame whether a
+    limb continues beyond its cap. In such a piece every cap may be the head, since hidden skin continues beyond every
     head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])

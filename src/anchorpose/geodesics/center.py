@@ -2,7 +2,7 @@
 
 The paper measures from a single node, V_c (Section IV-B), so unconnected pieces have no distance and no extremum. Here
 the distance on a separate piece, such as a forearm beyond a bar, is measured from the node nearest to the other pieces.
-So the farthest node of the piece is the limb's end and not the edge at the bar.
+So the farthest node of the piece lies at the limb's end and not at the bar.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class CenterField:
     distance_m: np.ndarray  # (n,) float32, inf on pieces that are too small
     piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
     root: np.ndarray  # (p,) int32, node from which each piece is measured; V_c on the main piece, -1 if too small
-    before: np.ndarray  # (p,) int32, node across the gap from ``root``, on another piece; -1 if there is no gap or root
+    before: np.ndarray  # (p,) int32, node across the gap from ``root``, on another piece; -1 without a gap or root
 
     @property
     def center(self) -> int:
@@ -44,8 +44,8 @@ def center_field(surface: Surface) -> CenterField:
 
     The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
     pieces are joined one after another, each time the piece with the narrowest gap to the joined pieces (Euclidean
-    distance of nodes, hidden skin included). The distance at a node of such a piece is a sum of three: the distance at
-    the gap's other side, the width of the gap, and the distance along the piece. A piece that shows less than
+    distance of nodes, hidden skin included). The distance at a node of such a piece is the sum of the distance at the
+    gap's other side, the width of the gap, and the distance along the piece. A piece that shows less than
     ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
@@ -81,7 +81,9 @@ def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
 def _join(
     points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
 ) -> list[int]:
-    """Fill in ``root`` and ``before`` of the pieces ``others``; return these in joining order (Prim's algorithm)."""
+    """Fill in ``root`` and ``before`` of the pieces ``others``; return these pieces in the order in which they are
+    joined (Prim's algorithm).
+    """
     if len(others) == 0:
         return []
     nodes = {number: np.flatnonzero(piece == number) for number in (main, *others.tolist())}
@@ -105,8 +107,8 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
 
     From every node the path continues to the neighbour, on the grid or across a link, through which the distance is
-    least; at the root of a separate piece it continues on the other side of the gap. The path consists of nodes, so it
-    is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
+    least; at the root of a separate piece, the path continues on the other side of the gap. The path consists of nodes,
+    so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")
@@ -120,7 +122,9 @@ def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _descend(mesh: MeshArrays, distance: np.ndarray, start: int) -> np.ndarray:
-    """Return the path (k,) int32 from a node to the first node without a neighbour that is nearer to the centre."""
+    """Return the path (k,) int32 from a node towards the centre; it ends at the first node that has no nearer
+    neighbour.
+    """
     points, ring, link_start, link_node = mesh.points_m, mesh.ring, mesh.link_start, mesh.link_node
     path = np.empty(len(ring), np.int32)
     count, node = 0, np.int64(start)

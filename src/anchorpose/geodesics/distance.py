@@ -40,8 +40,8 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8), a row per value of a byte: the numbers of all eight bits, those of the set bits first. Bit k stands for lane
-# k, a neighbour of the node (``fans``).
+# (256, 8), a row per value of a byte: the numbers of its eight bits, with the set bits first. Bit k stands for lane k,
+# a neighbour of the node (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -93,8 +93,8 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within reach has its distance, or until the stop's level is met. Return whether the level
-    was met.
+    """March until every node within ``stop.reach`` has its distance, or until a node with ``stop.level`` is met. Return
+    whether such a node was met.
 
     band: width in metres of the band of nodes that are active at once.
     """
@@ -150,7 +150,7 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 def _update_rings(front: Front, active: np.ndarray) -> None:
     """Pass candidate distances to the rings of active nodes; a node whose distance is reduced waits for a later round.
 
-    There are no branches, since the processor would mispredict half of them.
+    The code has no branches, since the processor would mispredict half of them.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -172,7 +172,7 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Pass distances across links, adding the length of the link."""
+    """Pass distances from active nodes across their links, adding the length of the link."""
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):
         node, own, turned = active[k], table[k, OWN], table[k, OWN_BEND]
@@ -232,7 +232,7 @@ def band_of(mesh: MeshArrays) -> float:
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Return the mean distance (m) of grid neighbours, from a sample; without neighbours 1 / ``BAND`` (a 1 m band)."""
+    """Return the mean distance (m) of grid neighbours, from a sample; 1 / ``BAND`` (a 1 m band) without neighbours."""
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]
@@ -241,8 +241,8 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32); fans filled for
-    one field are used for the next.
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32); fans that were
+    filled for one field are used again for the next.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

@@ -1,7 +1,7 @@
 """Find the centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
 
-An extremum is a single node, the farthest of many nodes that are almost equally far. The surface around it, its cap,
-has a more stable centre and shows whether the limb really ends there.
+An extremum is a single node, the farthest of many nodes that are almost equally far. The surface around an extremum,
+its cap, has a more stable centre and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# number of farthest nodes of a cap, whose mean distance is taken as the distance of the limb's end; the distance of a
-# single node has half a centimetre of noise
+# number of a cap's farthest nodes; their mean distance is taken as the distance of the limb's end, since the distance
+# of a single node has half a centimetre of noise
 FARTHEST: Final = 10
 # a cap is a stump (the limb goes on behind an object in front) if at least this share of the cap's outer half lies at
-# the object's border (a cut). Beside a bar, all of the outer half does.
+# the object's border (a cut). Beside a bar, all of the outer half lies there.
 STUMP_SHARE: Final = 0.5
-# in units of a cap's depth (1.5 are 9 cm), minimum length of hidden skin beyond an extremum for the limb to continue
+# minimum length of hidden skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for the limb to continue
 # there; fingers without readings are shorter
 LONGER: Final = 1.5
-LONGER_AT_CUT: Final = 1.0  # the same if an object stands in front of the end, such as a bar in front of a wrist
-# skin area that one hidden node stands for, divided by that of a seen node: hidden nodes are 2.2 cm apart, seen nodes
-# 1.3 cm
+LONGER_AT_CUT: Final = 1.0  # as ``LONGER``, if an object stands in front of the end, such as a bar before a wrist
+# skin area that one hidden node stands for, divided by the area of a seen node: hidden nodes are 2.2 cm apart, seen
+# nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
 LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a cap's centre, a quarter of the nodes' spacing
 SPREAD: Final = 0.20  # standard deviation of a cap's centre over frames, divided by the cap's radius
@@ -36,8 +36,8 @@ SPREAD: Final = 0.20  # standard deviation of a cap's centre over frames, divide
 def surface_center(surface: Surface, among: np.ndarray | None = None) -> int:
     """Return V_c, the seen node closest to the average position of all seen nodes.
 
-    If there is a hole at the centre, V_c is the nearest node on the hole's rim. among (n,) bool: allowed nodes, at
-    least one of them seen; None = all nodes. Raises DegenerateGeometry on a surface without seen nodes.
+    If the surface has a hole at the centre, V_c is the nearest node on the hole's rim. among (n,) bool: allowed nodes,
+    at least one of them seen; None = all nodes. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -82,7 +82,7 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 whose ``field`` exceeds that of all neighbours, on the grid and across links."""
+    """Return the nodes (k,) int32 whose ``field`` exceeds the field at all neighbours, on the grid and across links."""
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -93,7 +93,7 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
     """Return (k,) bool: candidates without a node within ``radius`` that is as far from the centre. A front marches
-    from each candidate, and stops at the first such node.
+    from each candidate, and stops at the first node that is as far from the centre.
     """
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
@@ -105,7 +105,7 @@ def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, ra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cap:
-    """The cap of one extremum: the seen surface at a limb's end, up to some distance nearer to the centre."""
+    """The cap of one extremum: the seen surface at a limb's end, up to a given depth towards the body's centre."""
 
     tip: int  # the extremum
     nodes: np.ndarray  # (m,) int, seen nodes
@@ -121,9 +121,9 @@ def find_caps(
 ) -> list[Cap]:
     """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
 
-    field (n,) float32: distance from the centre; a cap has the nodes at most ``depth_m`` nearer to the centre than the
-    mean of its ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts the surface
-    (``surface.border``).
+    field (n,) float32: distance from the centre; a cap consists of the nodes whose distance is smaller by at most
+    ``depth_m`` than the mean of the cap's ten farthest nodes. cut (n,) bool: nodes at a border where something else
+    cuts the surface (``surface.border``).
     """
     if len(extrema) == 0:
         return []

@@ -23,7 +23,7 @@ PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # for each lane, its neighbou
 LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of the side in its left triangle
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
 # first column of each kind of value in a fan, eight columns (lanes) each: squared edge length, dot product of the edge
-# with the edge to the left side, and with that to the right side; FAN is the number of columns
+# with the edge to the left side, and with the edge to the right side; FAN is the number of columns
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
 # first columns in a row of ``Rows``, after the fan. Per lane: squared edge, distance and bend of the side in its left
@@ -34,7 +34,7 @@ SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int6
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
 WIDE: Final = 4  # number of float32 columns in a complex128 number, the unit in which rows are copied
 
-AWAY: Any = np.float32(1e6)  # metres; larger than any distance, but its square fits into a float32
+AWAY: Any = np.float32(1e6)  # metres; larger than any real distance, but its square fits into a float32
 # m2, minimum squared distance of two nodes (a micrometre), to avoid a division by 0
 SMALLEST: Any = np.float32(1e-12)
 NOT_FILLED: Any = np.uint8(2)
@@ -73,7 +73,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True)
 def empty_fans(count: int) -> Fans:
-    """Return fans for a surface of count nodes, none of them filled."""
+    """Return empty fans for a surface of ``count`` nodes."""
     near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     return Fans(near, fan, np.full(count, NOT_FILLED), np.empty((LANES, 3), np.float32), fan.view(np.complex128))
 
@@ -87,7 +87,7 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of active nodes that no earlier round filled; so a march that stops early fills few fans."""
+    """Fill the fans of active nodes that no earlier round filled; thus a march that stops early fills few fans."""
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -98,9 +98,9 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Fill in the neighbours and edges of one node; return whether the surface ends at it.
 
-    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with it is
-    False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each call numba
-    would count the references to eleven arrays, which takes time.
+    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with the dot
+    product is False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each
+    call numba would count the references to eleven arrays, which takes time.
     """
     points, ring = mesh.points_m, mesh.ring
     near, fan, edge = fans.near, fans.fan, fans.edge
@@ -148,8 +148,8 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the columns from ``at`` on: per lane, the value of the side in its left
-    triangle (``LEFT``), then of that in its right triangle (``RIGHT``).
+    """Copy the values of the four sides to the columns from ``at`` on: first, per lane, the value of the side in its
+    left triangle (``LEFT``), then the value of the side in its right triangle (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -196,10 +196,10 @@ def _through(
     the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
-    them. The front then comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside`` = 2 c y;
-    ``area`` is c times the neighbour's height over the edge. A front that turned around the rim comes from the turning
-    point, so the distance there (``since``) is subtracted first and added again at the end. The candidate is ``AWAY``
-    if the straight line from that point to the neighbour misses the edge.
+    them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``
+    = 2 c y; ``area`` is c times the neighbour's height over the edge. A front that turned around the rim comes from the
+    turning point, so the distance at that point (``since``) is subtracted first and added again at the end. The
+    candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since

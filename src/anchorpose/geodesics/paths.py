@@ -1,4 +1,4 @@
-"""Find the last piece of each node's shortest path, in a distance field of any solver."""
+"""Find, in the distance field of any solver, the last piece of each node's shortest path."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Return a, b and share: a node's path comes from the point (1 - share) a + share b on an edge of its ring, or from
-    a node (a = b).
+    """Return a, b and share, which state from where a node's path comes: from the point (1 - share) a + share b on an
+    edge of the node's ring, or from a single node (a = b).
 
     points (n, 3 or more) float32: the places in the first columns; ring to link_length: fields of ``MeshArrays``,
     passed separately because this is called for every node; distance (n,) float32: the field.
@@ -27,7 +27,7 @@ def came_from(
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    one, other = np.int64(-1), np.int64(-1)  # with their final type, so that callees are compiled for one type only
+    one, other = np.int64(-1), np.int64(-1)  # int64 from the start, so that callees are compiled for one type only
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):

@@ -4,7 +4,7 @@ A path from an anchor is a detour if it touches the rim of the hole and bends to
 bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
 plane, with the anchor at the origin and the path's first piece along the first axis; there the path is a chain of
 straight pieces. Over the complete skin, the path would be the straight line from the anchor to the node, the chord; the
-detour is the path's length minus this chord. This assumes that the hole is as flat as the skin around it.
+detour is the path's length minus this chord. The computation assumes that the hole is as flat as the skin around it.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ references at every call took four fifths of the computing time.
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
-    """Return (n, 3) float64: at an open node (a rim node with gaps in its ring), a vector away from its neighbours,
-    into the hole; 0 elsewhere.
+    """Return (n, 3) float64: at an open node (a rim node with gaps in its ring), a vector that points away from its
+    neighbours, into the hole; 0 elsewhere.
     """
     points, hole = surface.points_m, np.zeros((len(surface), 3))
     nodes = np.flatnonzero(is_open)
@@ -113,8 +113,8 @@ def _behind(
 ) -> None:
     """Enter in ``bend`` a node's place in the plane of its path, and in ``chain`` the last corner where the path bends.
 
-    at_x, at_y: a place on the path in its plane; last, first: the corners at which the path may bend last, and bends
-    first.
+    at_x, at_y: a place on the path in its plane; last, first: the last corner at which the path may bend, and the first
+    corner at which it bends.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -142,7 +142,7 @@ def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
-    """Return the direction, in its plane, in which the path reaches a rim node."""
+    """Return the direction in which the path, in its plane, reaches the rim node ``at``."""
     before = chain[at, CORNER]
     if before < 0:
         return 1.0, 0.0
@@ -196,15 +196,15 @@ TOLERANCE_M: Final = 0.010
 def trusted_anchors(
     surface: Surface, descriptor: np.ndarray, rim: np.ndarray, tolerance_m: float = TOLERANCE_M
 ) -> np.ndarray:
-    """Return (n, k) bool: whether a node's distance to an anchor is the same as without occlusions.
+    """Return (n, k) bool: whether a node's distance to an anchor is as long as it would be without occlusions.
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
-    something else ends the surface, ``surface.border.border(...) == Border.CUT``. ``rim`` may include a few nodes
-    beside the border too, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not
-    a rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf)
-    anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), fewer
-    anchors are trusted than possible: the path over the complete skin would have bent at the outline too, so the true
-    detour is shorter than computed.
+    something else ends the surface, ``surface.border.border(...) == Border.CUT``. A few nodes beside the border may be
+    marked too, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a rim: it
+    is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf) anchors are
+    not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), fewer anchors are
+    trusted than possible: the path over the complete skin would have bent at the outline too, so the true detour is
+    shorter than computed.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -217,9 +217,10 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     filled flat.
 
     The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
-    along a path, so nodes behind a detour of more than ``enough_m`` get a lower bound, which halves the computing time
-    of this function. The detour is inf if the path passes a strip without triangles beside the occlusion, where bends
-    are unknown. The direction of each path at a rim is computed from the field, so distances of any solver can be used.
+    along a path. So nodes behind a detour of more than ``enough_m`` get a lower bound of their detour, which halves the
+    computing time of this function. The detour is inf if the path passes a strip without triangles beside the
+    occlusion, where bends are unknown. The direction of each path at a rim is computed from the field, so distances of
+    any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -277,7 +278,7 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
     """Return points and normals side by side, (n, 6) float32."""
     skin = np.empty((len(mesh.points_m), SKIN), np.float32)
     for node in range(len(skin)):
-        for axis in range(3):  # a slice would take numba four seconds longer to compile
+        for axis in range(3):  # a loop, since numba takes four seconds longer to compile a slice
             skin[node, POINT + axis] = mesh.points_m[node, axis]
             skin[node, NORMAL + axis] = mesh.normals[node, axis]
     return skin
@@ -289,7 +290,7 @@ def _set_heading(
 ) -> None:
     """Set the direction of a path's last piece, which begins on the edge between two nodes.
 
-    The direction stays 0 after a link, since a path across the hole does not bend around it.
+    The direction stays 0 after a link, since a path across a hole does not bend around the hole.
     """
     a, b = edge
     for axis in range(3):
@@ -303,7 +304,7 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return a node's detour, by its path laid flat; deep in a shadow, the detour of the node before it on the path."""
+    """Return a node's detour, by its path laid flat; deep in a shadow, the detour of the path's preceding node."""
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))
@@ -314,7 +315,9 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """Return the least detour among the neighbours nearer to the anchor; the node's path passes between two of them."""
+    """Return the least detour among the neighbours nearer to the anchor; the node's path passes between two of these
+    neighbours.
+    """
     least = np.inf
     for k in range(8):
         other = ring[node, k]

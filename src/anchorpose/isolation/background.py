@@ -19,7 +19,7 @@ from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
 # sigmas of a single reading; a pixel is foreground if the median of its 3x3 neighbourhood lies in front of the room by
-# more than this. The sigma of such a median is 0.4 of a single reading's, so the gate is five of the median's sigmas.
+# more than this. Such a median has 0.4 times the sigma of a single reading, so the gate is five sigmas of the median.
 BACKGROUND_GATE: Final = 2.0
 # sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
 # is not used here, since thin bars are no wider than three pixels
@@ -56,7 +56,7 @@ class BackgroundModel:
     sensor: Sensor
     source: BackgroundSource
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    # of the pixels with a known room depth, the share that shows the room (median over frames); 0 = unknown
+    # share of the pixels with a known room depth that show the room (median over frames); 0 = unknown
     usual_share: float = 0.0
 
 
@@ -64,8 +64,8 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     """Return the background's depth at each pixel of a frame, and the standard deviation of readings of the background,
     (height, width) float32 metres each.
 
-    depth_m: the frame's readings. The background at a pixel is the layer (resting object) that rests there at this
-    time, unless the reading lies behind the layer; elsewhere it is the room. If time_s is None, layers are ignored.
+    depth_m: the frame's readings. The background at a pixel is the layer (an object that rests there at this time) or,
+    without a layer or if the reading lies behind the layer, the room. If time_s is None, layers are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -76,13 +76,14 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
-    """Return (height, width) bool: pixels nearer than the room by more than noise causes, without flying pixels.
+    """Return (height, width) bool: pixels whose readings are nearer than the room by more than noise causes, without
+    flying pixels.
 
     time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
-    The test takes the difference between room and reading, in sigmas, and its median over 3x3 pixels. For this median,
-    two sigmas along the ray suffice (``BACKGROUND_GATE``). Where rays graze the floor, two sigmas are a centimetre of
-    height, so even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is
+    The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. A median
+    of two sigmas along the ray suffices (``BACKGROUND_GATE``). Where rays graze the floor, two sigmas are a centimetre
+    of height, so even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is
     foreground whatever the median is, since fingers and corners of the outline fill less than half of the window. Where
     the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
     """
@@ -110,7 +111,7 @@ def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedEquipment:
-    """One camera's view of the equipment alone."""
+    """One camera's predicted view of the equipment alone."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
     # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
@@ -151,9 +152,9 @@ def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEq
 
     These are pixels whose reading lies between ``low_m`` and ``high_m``, and pixels without a reading where the
     equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background itself
-    shows the equipment (``measured``), a pixel of the foreground is never equipment: fingers around a bar stand out
-    from it by less than the sum of the equipment model's error and one pixel's noise, so their readings may lie between
-    ``low_m`` and ``high_m`` too.
+    shows the equipment (``measured``), a pixel of the foreground is never equipment. Fingers around a bar stand out by
+    less than the sum of the equipment model's error and one pixel's noise, so their readings may lie between ``low_m``
+    and ``high_m`` too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

@@ -15,8 +15,8 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
 SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; this is 2 cm at a distance of 2.5 m
-# m, side of the cubes in which newly seen skin replaces remembered skin; remembered skin also counts as hidden if a
-# reading lies at least this far in front of it
+# m, side of the cubes in which newly seen skin replaces remembered skin; also the minimum distance by which a reading
+# must lie in front of remembered skin for this skin to count as hidden
 CELL_M: Final = 0.05
 MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered: as long as another person takes to pass in front
 SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
@@ -27,8 +27,8 @@ SPEED_M_S: Final = 0.30
 # still belongs to the body below it
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# mean number of cubes of a grid through which a surface as large as one face of a cube passes; it converts a number of
-# cubes to an area
+# mean number of grid cubes that a surface passes through, per area of one cube's face; it converts a number of cubes to
+# an area
 CUBES_PER_FACE: Final = 1.5
 
 
@@ -63,7 +63,9 @@ class BystanderMemory:
         }
 
     def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
-        """Move the skin seen in the last frame. steps: a person's displacement (3,) m, by label; others stay."""
+        """Move the skin seen in the last frame. steps: displacement (3,) m of a person, by label; skin of other people
+        stays.
+        """
         if not steps:
             return self
         points = self.points_m.copy()
@@ -72,8 +74,8 @@ class BystanderMemory:
         return replace(self, points_m=points)
 
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
-        """Predict the remembered skin ``elapsed_s`` after the last frame; its uncertainty grows with the time since it
-        was seen.
+        """Predict the remembered skin ``elapsed_s`` after the last frame. A point's uncertainty grows with the time
+        since the point was seen.
 
         doubt_m: added in quadrature to the skin's standard deviation, for memories whose person labels may be wrong.
         """
@@ -115,7 +117,7 @@ def update_memory(
     """Update the memory by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
-    Clusters too small for a person are dropped, so that an arm or head with a wrong label does not keep the label.
+    Clusters too small for a person are dropped, so that an arm or head that got a wrong label does not keep it.
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)

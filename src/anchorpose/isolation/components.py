@@ -22,7 +22,9 @@ class JumpLimit(NamedTuple):
     slope: float  # factor of z: change of depth per pixel on the steepest surface that returns a reading
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """Return the largest depth step within one surface at every pixel, in the shape of ``depth_m``."""
+        """Return the largest depth step within one surface for each pixel of ``depth_m``, in an array of the same
+        shape.
+        """
         return self.square * depth_m**2 + self.slope * depth_m
 
 
@@ -59,7 +61,7 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
 
     depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit at the greater depth
     applies. Return labels (height, width) int32, 0 outside the mask, else from 1 in the order of the pieces' first
-    pixels; and the number of pieces. A piece's root is the smallest index of its pixels.
+    pixels; and the number of pieces. The root of a piece is the smallest index among its pixels.
     """
     height, width = depth_m.shape
     parent = np.empty(height * width, dtype=np.int32)

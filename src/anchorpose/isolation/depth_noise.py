@@ -1,5 +1,5 @@
-"""Describe one camera's depth images: noise, depth step from one stored grey value to the next, width of edges, false
-ramps between surfaces.
+"""Describe one camera's depth images by their noise, the depth step from one stored grey value to the next, the width
+of edges, and false ramps between surfaces.
 
 Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
@@ -38,7 +38,7 @@ class DepthDetail:
 
     @property
     def filtered(self) -> bool:
-        """Return whether filters have blurred the edges."""
+        """Return whether filters have blurred the depth edges."""
         return self.edge_px > SHARP_EDGE_PX
 
     def edge_m(self, distance_m: float) -> float:
@@ -111,18 +111,19 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
 
 
 CHANGES: Final = 6  # number of pairs of frames that are compared; together, they have half a million pixels or more
-# sigmas; a reading that is closer than this to the background shows the background; people stand farther in front of it
+# sigmas; a reading closer than this to the background shows the background; people stand farther in front
 STILL_GATE: Final = 6.0
 OUTLIER_GATE: Final = 4.0  # sigmas; larger noise is an outlier and left out; normal noise exceeds it once in 16,000
 ROUNDS: Final = 3  # number of times that outliers are removed and sigma is computed again
-# pixels, distance from a depth edge within which readings may lie between two surfaces; these are counted separately
+# pixels from a depth edge; readings within this distance may lie between two surfaces and are counted separately
 EDGE_PX: Final = 2
 EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
-BIN_M: Final = 0.5  # m, width of the depth bins for each of which noise is measured
+BIN_M: Final = 0.5  # m, width of the depth bins; noise is measured per bin
 # degrees between ray and surface normal; surfaces up to the first angle are called "facing", up to the second
 # "slanted", beyond it "steep"
 SLANTS_DEG: Final = (35.0, 60.0)
-# minimum number of readings per depth bin and slant; even if 40 readings share one error, sigma is then known to 10 %
+# minimum number of readings per depth bin and slant; with these, sigma is known to 10 % even if 40 readings share one
+# error
 LEAST_READINGS: Final = 2000
 LONGEST_PX: Final = 24  # pixels, maximum distance between two pixels whose errors are compared
 UNRELATED: Final = 0.05  # correlation below which pixels count as independent, since a smaller value may be chance
@@ -139,9 +140,9 @@ class DepthNoise:
     # None if not measured
     slants: tuple[float | None, float | None] = (None, None)
     shared_px: float = 1.0  # mean number of pixels that share one error; 1 = pixels are independent
-    # of the readings beside depth edges, the share at the depth of neither side of the edge; None if not measured
+    # share of the readings beside depth edges that have the depth of neither side of the edge; None if not measured
     flying: float | None = None
-    holes: float | None = None  # of the pixels on the room's surfaces, share without a reading; None if not measured
+    holes: float | None = None  # share of pixels on the room's surfaces without a reading; None if not measured
     # False if no still background was seen; sigma is then a lower bound, measured between neighbouring readings
     measured: bool = True
 
@@ -156,8 +157,8 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factor on sigma at each slant; a class of slants without a measured factor gets that of the next
-        less slanted class.
+        """Return the factor on sigma at each slant. A class of slants without a measured factor gets the factor of the
+        next less slanted class.
         """
         times = [1.0]
         for slant in self.slants:
@@ -166,8 +167,8 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Return the noise for a camera that sees no still background: sigma is ``neighbours_per_m z^2``, with the factor
-    from ``calibration.first_frames.noise_per_m``, and the errors of pixels count as independent.
+    """Return the noise for a camera that sees no still background: sigma is ``neighbours_per_m z^2``, where the factor
+    comes from ``calibration.first_frames.noise_per_m``, and the errors of pixels count as independent.
     """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
@@ -264,7 +265,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # sigma is that of facing surfaces; if none is seen, that of the least slanted surfaces; it is then too large
+    # sigma is measured on facing surfaces or, if none is seen, on the least slanted surfaces; it is then too large
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -272,7 +273,7 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return (sigma, median depth), metres, of each cell, by (number of the depth bin, slant). Cells with too few
+    """Return (sigma, median depth), metres, of each cell; keys are (number of the depth bin, slant). Cells with too few
     readings, or without noise, are left out.
     """
     _, row, column = np.nonzero(np.isfinite(change_m))
@@ -302,14 +303,14 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
     in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed by rings of
     equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed (by Fourier
-    transforms), since a few would not show the correlation if it is a narrow peak on top of a broad one.
+    transforms), since a few lags would not show a correlation that is a narrow peak on top of a broad one.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    # opposite lags have the same correlation: half of them are summed and then doubled; lag 0 counts once
+    # opposite lags have the same correlation, so one of each pair is summed and counts twice; lag 0 counts once
     twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]
@@ -330,7 +331,7 @@ def _at_lags(images: np.ndarray) -> np.ndarray:
 def _flying(
     frames_m: Sequence[np.ndarray], near_m: np.ndarray, far_m: np.ndarray, gate_m: np.ndarray, edge: np.ndarray
 ) -> float | None:
-    """Return, of the readings beside the room's depth edges, the share that shows neither side of the edge."""
+    """Return the share of the readings beside the room's depth edges that show neither side of the edge."""
     beside = edge & np.isfinite(far_m) & (far_m - near_m > 2.0 * gate_m + EDGE_M)
     read = [beside & (frame > near_m - gate_m) & (frame < far_m + gate_m) for frame in frames_m]
     between = [(frame > near_m + gate_m) & (frame < far_m - gate_m) for frame in frames_m]
@@ -340,7 +341,7 @@ def _flying(
 
 
 def _holes(frames_m: Sequence[np.ndarray], still: Sequence[np.ndarray], surface: np.ndarray) -> float | None:
-    """Return, of the pixels on the room's surfaces, the share without a reading; pixels on people do not count."""
+    """Return the share of pixels on the room's surfaces that have no reading; pixels on people do not count."""
     lost = sum(int(np.count_nonzero(surface & (frame <= 0))) for frame in frames_m)
     count = lost + sum(int(np.count_nonzero(one)) for one in still)
     return lost / count if count >= LEAST_READINGS else None

@@ -1,8 +1,8 @@
 """Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
 in the recording.
 
-Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. What
-they hide is filled in by floor and walls only.
+Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. Behind
+these people, only floor and walls are filled in.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
-# minimum number of readings in a block; their sigma, computed from a median, then has an error of a sixth
+# minimum number of readings in a block; with these, the sigma, computed from a median, has an error of a sixth
 READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
-# if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ;
-# where only passers-by are read, fewer frames have a reading
+# if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ; if
+# a pixel has readings of passers-by only, fewer frames have a reading
 OFTEN_READ: Final = 0.5
 SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
 # percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
@@ -55,8 +55,8 @@ FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a 
 # the patient's back
 LEAN_M: Final = 0.25
 HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
-# m above the floor; lower surfaces count as floor. The floor's plane may be off by this much; a foot is three times as
-# high.
+# m above the floor; lower surfaces count as floor. The floor's plane may be off by this height; a foot is three times
+# as high.
 SOLE_M: Final = 0.015
 
 
@@ -87,7 +87,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # a single frame is itself the learnt room, so reading and room are rounded alike
+    if len(frames_m) > 1:  # a single frame is itself the learnt room, so both have the same rounding
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
@@ -142,7 +142,7 @@ def _outside_m(points_m: np.ndarray, equipment: EquipmentModel) -> np.ndarray:
 
 
 def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
-    """Fill single pixels without a reading by the median of the 5x5 pixels around, if most of these have readings."""
+    """Fill single pixels without a reading with the median of the 5x5 pixels around, if most of these have readings."""
     seen = (depth_m > 0).astype(np.float32)
     trusted = cv2.blur(seen, (5, 5)) > 0.6
     return np.where((depth_m <= 0) & trusted, cv2.medianBlur(depth_m, 5), depth_m)
@@ -175,7 +175,7 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
     free = (far - near < same) & (count > 0)  # both percentiles show the room
     spread = (far - near) / ((FAR_SIGMAS - NEAR_SIGMAS) * square)
     sigma = _as_sigma(_block_median(np.where(free, spread, np.nan)[None]), far, floor=noise)
-    # a pixel where the room itself returns no reading has readings of passers-by only, which are few and do not agree
+    # if the room gives no reading at a pixel, the pixel's readings are of passers-by only: they are few and differ
     agreeing = (np.abs(rising - far) < same).sum(axis=0)
     known = (agreeing >= LEAST_READ * len(frames_m)) | (count >= OFTEN_READ * len(frames_m))
     return np.where(known, np.maximum(far - FAR_SIGMAS * sigma, 0.0), 0.0).astype(np.float32), sigma
@@ -209,7 +209,7 @@ def _block_median(values: np.ndarray) -> np.ndarray:
 
 def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
     """Convert the blocks' factors of z^2 (NaN = unknown) to sigma (height, width) in metres; factors below ``floor``,
-    the sensor's own noise, are raised to it.
+    the sensor's own noise, are raised to ``floor``.
     """
     typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)

@@ -12,14 +12,14 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# 1/m3, number per volume, near a patient, of pieces of surface that have no owner and do not show the patient;
-# simulated clinics have 1 to 3
+# 1/m3, number of pieces of surface per volume near a patient that have no owner and do not show the patient; simulated
+# clinics have 1 to 3
 CLUTTER_PER_M3: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenSkin:
-    """The predicted skin of limbs whose place is too uncertain to decide which person single pixels show."""
+    """The predicted skin of limbs whose place is too uncertain to decide, pixel by pixel, which person is shown."""
 
     points_m: np.ndarray  # (n, 3) world
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
@@ -27,8 +27,8 @@ class HiddenSkin:
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
         """Return (m,) 1/m3: for each place (m, 3), the probability density that a visible piece of a limb has its
-        centre there. Of all segments (``part``), the one with the highest density counts. A piece may show any point of
-        a segment.
+        centre there. At each place, the segment (``part``) with the highest density counts. A piece may show any point
+        of a segment.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3

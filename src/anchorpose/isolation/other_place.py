@@ -24,20 +24,20 @@ SAME_M, SAME_SIGMAS = 0.05, 6.0
 FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
 # minimum share of the image in which the room is known; if a recorder removes the room, only some objects are left
 LEAST_KNOWN: Final = 0.2
-LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; if it has less, its images are not tested
-# factor on ``usual_share``; if a smaller share of the pixels shows the room, the camera is covered; a passer-by near
-# the camera leaves half of the usual share
+LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; the images of cameras with less are not tested
+# factor on ``usual_share``; if less than this part of the usual share of pixels shows the room, the camera is covered;
+# a passer-by near the camera leaves half
 COVERED: Final = 0.05
-# factor on ``usual_share``; if a smaller share of the pixels shows the room, and many readings lie behind the room, the
-# image shows another place
+# factor on ``usual_share``; if less than this part of the usual share of pixels shows the room, and many readings lie
+# behind the room, the image shows another place
 MOVED: Final = 0.6
 # maximum share of the room's pixels with readings behind the room; walking people cause 0.002, moved furniture 0.04
 MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """Return, of the pixels with a known room depth, the share whose reading shows the room: the median over frames
-    (height, width) float32; 0 if there are too few frames or known pixels.
+    """Return the share of the pixels with a known room depth whose reading shows the room: the median over frames
+    (height, width) float32; 0 with too few frames or known pixels.
 
     room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
     """
@@ -49,7 +49,7 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
     """Return whether a depth image (height, width) float32 shows another place than the camera's room.
 
-    It is False if too little of the room is known, for example if a recorder has removed it.
+    Return False if too little of the room is known, for example if a recorder has removed the room.
     """
     if model.usual_share < LEAST_USUAL:
         return False
@@ -60,7 +60,9 @@ def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
 
 
 def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameSet:
-    """Return the frame set without images of another place, with a problem noted for each. scenes: one per camera."""
+    """Return the frame set without images of another place; each image that is left out is noted as a problem. scenes:
+    one per camera.
+    """
     other = [
         depth is not None and is_of_other_place(depth, scene.background)
         for depth, scene in zip(frame_set.depths_m, scenes, strict=True)
@@ -77,7 +79,9 @@ def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameS
 
 
 def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the pixels with a known room depth: those that read the room, those that read behind it."""
+    """Return two shares of the pixels with a known room depth: pixels that read the room, and pixels that read behind
+    it.
+    """
     depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
     known = room > 0
     count = int(np.count_nonzero(known))

@@ -18,8 +18,8 @@ CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place at this distance from the nearest point may still be on the skin
 SAMPLING_M: Final = 0.01
 GATE: Final = 3.0  # sigmas; a place farther from every point of skin gets its owner by region growing
-# minimum lead of the most likely owner over all other people, as a difference of (d / sigma)^2 + 2 log(sigma)
-# (``decide_ownership``)
+# minimum lead of the most likely owner over all other people, as a difference of the quantity (d / sigma)^2 + 2
+# log(sigma) that ``decide_ownership`` compares
 LEAST_LEAD: Final = 2.0
 
 
@@ -103,9 +103,9 @@ def decide_ownership(
     """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
 
     If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
-    chosen, but only where ``compared`` (m,) bool is True. This is the person with the least (d / sigma)^2 + 2
-    log(sigma), where d is the distance of the place from the person's skin. The person must lead all others by
-    ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
+    chosen, but only where ``compared`` (m,) bool is True. The most likely owner is the person with the least (d /
+    sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin. The person must lead all other
+    people by ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -22,7 +22,7 @@ LEAST_CONTACT_M: Final = 0.05
 # half along its longest side, a forearm on the rest of the body along a shorter side
 LEAST_CONTACT: Final = 1.0
 # m2, maximum area of a stray piece, a head's area; the patient's leg below a bar may border on a person who kneels in
-# front of it, but is larger, so it remains the patient's
+# front, but the leg is larger, so it remains the patient's
 LARGEST_M2: Final = 0.03
 
 
@@ -71,8 +71,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
     """Label parts of the patient that have another person's label as the patient again; return the label of each node.
 
     A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
-    skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise its pixels
-    are a part of the patient, if most lie on this skin and they are connected to the patient.
+    skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise the
+    label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are connected to the
+    patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -87,7 +88,8 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
     """Return whether a label's pixels are a part of the patient: most lie on the patient's predicted skin (``skin``, a
-    KD-tree), they are connected to the patient's pixels, and those off this skin have too little area for a person.
+    KD-tree), they are connected to the patient's pixels, and the pixels off this skin have too little area for a
+    person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -104,7 +106,7 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points_m (k, 3), owner (k,) and area_m2 (k,) of the ``wanted`` (n,) bool pixels in every third row and
-    column; each area is that of nine pixels.
+    column; each area covers nine pixels.
     """
     chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]

@@ -31,12 +31,12 @@ foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, 
 foreground pixel at their depth; parts of the room that were taken for people had 0.1 and 0.16.
 """
 
-EDGE_M: Final = 0.1  # m, maximum depth difference between a pixel and its nearest ray; larger: an outline lies between
+EDGE_M: Final = 0.1  # m, maximum depth difference of a pixel and its nearest ray; if larger, an outline lies between
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """One person, as seen by all cameras at one moment."""
+    """One person as seen by all cameras at one moment."""
 
     ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
     bottom_m: float  # height of the lowest point of the seen surface
@@ -80,14 +80,14 @@ class PatientChoice:
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
     reason: str  # text for users after "who", such as "stands within the equipment"
     sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
-    frame: int | None = None  # number of the frame in which the patient is at this place; None if it does not matter
+    frame: int | None = None  # number of the frame in which the patient is there; None if the frame does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel belongs to the person of the descriptor's nearest ray; its number is -1 if nobody is found there.
+    A pixel gets the number of the person at the descriptor's nearest ray, -1 if nobody is found there.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)
@@ -107,8 +107,8 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Return the person (n,) int32 of each foreground pixel, -1 if the descriptor's nearest ray shows no person, or has
-    another depth. rays: for each person (h, w) bool, the rays that show this person in this camera.
+    """Return the person (n,) int32 of each foreground pixel, -1 if the descriptor's nearest ray shows no person or has
+    a different depth. rays: for each person (h, w) bool, the rays that show this person in this camera.
     """
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)
@@ -122,8 +122,8 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the found person with this number, measured on the person's foreground pixels; None if these are too few:
-    then the descriptor took a part of the room for a person.
+    """Return the found person with this number, measured on the person's foreground pixels; None if these pixels are
+    too few: then the descriptor took a part of the room for a person.
     """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)

@@ -14,20 +14,21 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# additional cost of growing into a crease, for each sigma of its depth beyond CREASE_SIGMAS; the unit is the cost of a
-# step to the next pixel
+# additional cost of growing into a crease, for each sigma by which the crease is deeper than CREASE_SIGMAS; the unit is
+# the cost of a step to the next pixel
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with those this far on both sides; a finger's width at 2.5 m
+CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with depths this far away on both sides: a finger at 2.5 m
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a valley deeper than this is a crease
-DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is as many pixels long
+DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is this many pixels long
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
-    """Spread owners over the surface along the cheapest paths, until two owners' regions meet or the depth jumps.
+    """Spread owners from decided to undecided pixels along the cheapest paths, until two owners' regions meet or the
+    depth jumps.
 
-    owner (n,) uint8 for each foreground pixel: ``NOBODY`` if undecided. A step costs 1, and more in a valley, where the
-    surface lies behind its neighbours on both sides: two bodies that touch meet in such a valley. Return (n,) uint8;
-    ``NOBODY`` remains at pixels that are not connected to any owner.
+    owner (n,) uint8 for each foreground pixel: ``NOBODY`` if undecided. A step to the next pixel costs 1, and more in a
+    valley, where the surface lies behind its neighbours on both sides: two bodies that touch meet in such a valley.
+    Return (n,) uint8; ``NOBODY`` remains at pixels that are not connected to any owner.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)

@@ -22,12 +22,12 @@ TRIALS: Final = 200  # draws of three points for each plane; a plane with a fift
 VOTERS: Final = 5000  # number of sampled points against which each plane is tested
 # minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
 LEAST_SHARE: Final = 0.03
-MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall, where nothing should be seen
+MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall; ideally, no reading does
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
     """Return (height, width) float32 depth of the nearest wall, floor or ceiling along each ray; 0 if the ray meets
-    none of them.
+    none of these.
 
     room_m (height, width) float32: the known room, 0 = unknown. Walls are planes with many readings on them and hardly
     any behind them. A room is assumed to be convex, so the nearest plane along a ray is the visible plane.
@@ -39,8 +39,8 @@ def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.
 
 
 def depth_of_plane(plane: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the depth (height, width) float32 at which rays meet a plane (4,) from ``find_planes``; inf if they do
-    not.
+    """Return the depth (height, width) float32 at which rays meet a plane (4,) from ``find_planes``; inf for rays that
+    do not meet the plane.
     """
     rays = np.concatenate([camera.pixel_rays(), np.ones((camera.height, camera.width, 1), np.float32)], axis=-1)
     towards = rays @ plane[:3].astype(np.float32)
@@ -102,7 +102,7 @@ def _best(
 
 
 def off_plane_m(depth_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return how far, at most, a reading at each depth may lie from the plane that it shows, metres."""
+    """Return the maximum distance (m), for each depth, of a reading from the plane that it shows."""
     return np.asarray(TOLERANCES_M[0] + NOISE_GATE * noise_per_m * depth_m**2)
 
 
@@ -133,7 +133,7 @@ class Wall:
     gap: np.ndarray
 
     def beyond_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) the distance of points (..., 3) beyond the plane, negative on the camera's side."""
+        """Return the distance (...) of points (..., 3) beyond the plane; negative on the camera's side."""
         return np.asarray(points_m @ self.normal - self.offset_m)
 
     def reflected(self, points_m: np.ndarray) -> np.ndarray:
@@ -141,7 +141,7 @@ class Wall:
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """Return (height, width) bool: the connected gap through which a point (3,) is seen; None if there is none."""
+        """Return (height, width) bool: connected gap through which a point (3,) is seen; None without such a gap."""
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None

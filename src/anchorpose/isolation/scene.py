@@ -35,7 +35,7 @@ FEET_M: Final = 0.3
 # m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
 LEAST_M2: Final = 0.15
 FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
-# minimum share of the enclosing rectangle that a board fills; a trunk with thighs fills less
+# minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
 LEAST_FILLED: Final = 0.85
 SAMPLE: Final = 500  # number of points of a piece that are tested for flatness
 
@@ -92,7 +92,7 @@ class Pieces:
     depth_m: np.ndarray  # (height, width) float32
     # (height, width) uint8 of ``PixelLabel``; CLUTTER where a person may be, before people are separated
     labels: np.ndarray
-    index: np.ndarray  # (height, width) int32, number of the foreground pixel, -1 = not foreground
+    index: np.ndarray  # (height, width) int32, number of each foreground pixel, -1 = not foreground
     row: np.ndarray  # (n,) int32, row of each foreground pixel
     column: np.ndarray  # (n,) int32, column of each foreground pixel
     piece: np.ndarray  # (n,) int32, number of each pixel's connected piece, from 1
@@ -188,11 +188,11 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: pixels without a reading at which nobody is, since the recorder removed them as
-    room.
+    """Return (height, width) bool: pixels without a reading that show no person, since the recorder removed them as
+    part of the room.
 
-    Such recorders remove feet together with the floor, so pixels up to ``FEET_M`` above the lowest foreground pixel,
-    and all below it, are left out.
+    Recorders that remove the room also remove feet together with the floor. So pixels up to ``FEET_M`` above the lowest
+    foreground pixel, and all pixels below, are left out.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))
@@ -203,7 +203,7 @@ def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np
 
 @njit(cache=True, nogil=True)
 def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np.ndarray:
-    """Return the area (count + 1,), m2, of each piece as if it faced the camera."""
+    """Return the area (count + 1,), m2, that each piece would have if it faced the camera."""
     area = np.zeros(count + 1)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):

@@ -1,5 +1,5 @@
-"""Label each pixel with its person: with the owner of the most likely skin there, else with the person to whom it is
-connected without a crease, else with the nearest person (transient occlusion; paper, Section III).
+"""Label each pixel with a person: the owner of the most likely skin there, else the person to whom the pixel is
+connected without a crease, else the nearest person (transient occlusion; paper, Section III).
 """
 
 from __future__ import annotations
@@ -73,11 +73,11 @@ def separate(
 ) -> tuple[View | None, ...]:
     """Label each camera's pixels by the people seen ``elapsed_s`` ago and, if given, by predicted skin.
 
-    expected: the skin of those people whose skin is predicted; all others' skin is expected where it was seen last. (1)
-    A pixel gets the most likely owner if this owner leads clearly (``decide_ownership``). (2) Other pixels get the
-    person to whom they are connected (``grow_regions``). (3) A separate piece, such as a forearm that a bar cuts off,
-    gets the person that it nearly touches. (4) A remaining piece that the learnt descriptor takes for a person is a new
-    person. elapsed_s: negative in the backward pass, in which new people get labels from another range.
+    expected: predicted skin of some people; the skin of all other people is expected where it was seen last. (1) A
+    pixel gets the most likely owner if this owner leads clearly (``decide_ownership``). (2) Other pixels get the person
+    to whom they are connected (``grow_regions``). (3) A separate piece, such as a forearm that a bar cuts off, gets the
+    person that it nearly touches. (4) A remaining piece that the learnt descriptor takes for a person is a new person.
+    elapsed_s: negative in the backward pass, in which new people get labels from another range.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     of_shown = [camera for pixels, camera in zip(pieces, cameras, strict=True) if pixels is not None]
@@ -124,14 +124,16 @@ def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np
     points = np.concatenate([place for place, _, _ in owned])
     if not len(points):
         return owners
-    # only skin near unowned pixels: building a KD-tree of all skin would take longer than the search
+    # only skin near unowned pixels is searched: building a KD-tree of all skin would take longer than the search
     near = ((points >= low) & (points <= high)).all(axis=1)
     label, tree = np.concatenate([whose for _, whose, _ in owned])[near], cKDTree(points[near])
     return [_to_neighbour(pixels, owner, tree, label) for pixels, owner in cameras]
 
 
 def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.ndarray) -> np.ndarray:
-    """Give each piece's unowned pixels to the person nearest to one of them, within DETACHED_M; return all owners."""
+    """Give each piece's unowned pixels to the person who is nearest to one of these pixels, within DETACHED_M; return
+    all owners.
+    """
     unowned = np.flatnonzero(owner == NOBODY)
     if not len(unowned):
         return owner
@@ -139,7 +141,7 @@ def _to_neighbour(pixels: Pieces, owner: np.ndarray, tree: cKDTree, label: np.nd
     found = np.isfinite(distance)
     piece, distance, whose = pixels.piece[unowned[found]], distance[found], label[nearest[found]]
     to = np.zeros(pixels.piece_count + 1, np.uint8)
-    order = np.argsort(-distance, kind="stable")  # the nearest person is written last, so this label remains
+    order = np.argsort(-distance, kind="stable")  # the nearest person's label is written last, so it remains
     to[piece[order]] = whose[order]
     assigned = owner.copy()
     assigned[unowned] = to[pixels.piece[unowned]]
@@ -154,8 +156,8 @@ def _with_newcomers(
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
     """Give newcomers a label; return all owners. A newcomer is a person, found by the descriptor, most of whose pixels
-    have no owner. The label is new, or the patient's if most of these pixels lie where the patient was seen last: then
-    the patient's predicted place was wrong.
+    have no owner. The label is new, or the patient's label if most of these pixels lie where the patient was seen last:
+    then the patient's predicted place was wrong.
     """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
@@ -181,8 +183,9 @@ def _with_newcomers(
 def _where_patient_was(
     shown: Sequence[Pieces], of_pixels: Sequence[np.ndarray], free: Sequence[np.ndarray], memory: BystanderMemory
 ) -> np.ndarray:
-    """Return (k,) bool: people most of whose pixels without an owner lie on the patient's skin as seen last. of_pixels:
-    for each camera (n,), the person at each pixel; free: for each camera (n,), whether the pixel has no owner.
+    """Return (k,) bool: for each person, whether most of that person's pixels without an owner lie on the patient's
+    skin as seen last. of_pixels: for each camera (n,), the person at each pixel; free: for each camera (n,), whether
+    the pixel has no owner.
     """
     skin = cKDTree(memory.points_m[memory.owner == PixelLabel.PATIENT])
     of = np.concatenate([number[own] for number, own in zip(of_pixels, free, strict=True)])

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """The kind of thing that a pixel shows. Labels from ``OTHER_PERSON`` on are other people, one label per person."""
+    """What a pixel shows. Labels from ``OTHER_PERSON`` on are other people, one label per person."""
 
     NO_READING = 0
     BACKGROUND = 1

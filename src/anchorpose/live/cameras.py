@@ -109,8 +109,8 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens. This maker's depth images are undistorted; if the camera states a distortion nevertheless, its
-    model must be Brown-Conrady.
+    """Return the lens. RealSense's depth images are undistorted; if the camera states a distortion nevertheless, the
+    distortion model must be Brown-Conrady.
     """
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
@@ -119,8 +119,8 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """Return when an image was taken, by ``time.monotonic``. If the device's clock is not the computer's, return when
-    the image arrived.
+    """Return the time at which an image was taken, by ``time.monotonic``. If the device's clock cannot be related to
+    the computer's, return the time at which the image arrived.
     """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
@@ -130,7 +130,7 @@ def _taken(depth: Any) -> float:
 
 
 PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
-"""The environment variable that names a Python with pyorbbecsdk2; by default that of this program is used."""
+"""The environment variable that names a Python with pyorbbecsdk2; by default, this program's Python is used."""
 
 
 @dataclass(slots=True, eq=False)
@@ -145,7 +145,7 @@ class Orbbec:
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
     first: bytes  # header of the first image; opening the camera read it to learn the depth scale
-    _asked_s: float = np.inf  # since when the process is waited for, by time.monotonic; inf while it is not
+    _asked_s: float = np.inf  # time.monotonic since which the process is waited for; inf otherwise
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield images as ``LiveSource`` requires."""
@@ -183,7 +183,9 @@ class Orbbec:
         return data
 
     def _end_process(self, stop: Event) -> None:
-        """End the process when ``stop`` is set or no image came for ``STALL_S``; reading from it then ends, too."""
+        """End the process when ``stop`` is set or no image came for ``STALL_S``; this also ends the reading from the
+        process.
+        """
         while self.process.poll() is None:
             if stop.wait(0.1) or self._stalled:
                 self.process.kill()
@@ -203,11 +205,11 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
-    Raises AnchorposeError if there is no such camera, or if the Python of the process has no pyorbbecsdk2.
+    Raises AnchorposeError if no such camera is found, or if the Python of the process has no pyorbbecsdk2.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
-    # a file, since a pipe that nobody reads would block a process that writes much to standard error
+    # a file is used, since a process that writes much to standard error would be blocked by a pipe that nobody reads
     errors = TemporaryFile()  # noqa: SIM115 closed by ``Orbbec.images``
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors)
     out = _out(process)

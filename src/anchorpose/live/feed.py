@@ -21,8 +21,8 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index of the camera; number: the source's running number of the image, in which lost
-    images count, too; time_s: time on the device's clock; taken_s: when it was taken, by ``time.monotonic``; grey
+    """One depth image. camera: index of the camera; number: the source's running number of the image, where lost images
+    are counted, too; time_s: time on the device's clock; taken_s: when the image was taken, by ``time.monotonic``; grey
     (height, width) uint16, 0 = no reading.
     """
 
@@ -47,7 +47,7 @@ class LiveSource(Protocol):
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield the images as they are taken, until the source ends or ``stop`` is set.
 
-        Raises AnchorposeError with the reason if a camera no longer answers.
+        Raises AnchorposeError with the reason if a camera has stopped answering.
         """
         ...
 
@@ -81,7 +81,7 @@ class Intake:
         self._left, self._counting = len(self._sources), Lock()
 
     def start(self) -> None:
-        """Begin to read images; does nothing if already begun."""
+        """Begin to read images; do nothing if reading has begun already."""
         if self._threads:
             return
         first = np.cumsum([0, *(len(source.cameras) for source in self._sources)]).tolist()
@@ -93,7 +93,9 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Return sentences on the failures so far, and on how many images could not be recorded for which reason."""
+        """Return sentences on the failures so far, and on the number of images that could not be recorded for each
+        reason.
+        """
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
 
@@ -131,9 +133,9 @@ class Intake:
                 self.feed.close()
 
     def _hand_on(self, image: LiveImage) -> None:
-        """Pass an image to all receivers. A receiver that cannot write an image (OSError) loses it. A receiver that
-        refuses an image (AnchorposeError), such as a recorder on a nearly full disk, gets no more. The other receivers
-        get all images.
+        """Pass an image to all receivers. A receiver that cannot write an image (OSError) loses this image. A receiver
+        that refuses an image (AnchorposeError), such as a recorder on a nearly full disk, gets no more images. The
+        other receivers get all images.
         """
         for taker in self._takers:
             try:
@@ -149,8 +151,8 @@ class Intake:
 def _require_forward(image: LiveImage, latest_s: float) -> float:
     """Return the latest time on a camera's clock, which was ``latest_s`` before this image.
 
-    Raises AnchorposeError if the clock was set back by more than ``STALL_S``: no image could be used before it reaches
-    the earlier time again.
+    Raises AnchorposeError if the clock was set back by more than ``STALL_S``: no image could be used before the clock
+    reaches the earlier time again.
     """
     if latest_s - image.time_s > STALL_S:
         problem = f"its clock was set back by {latest_s - image.time_s:.0f} s, so later images cannot be put in order"
@@ -166,9 +168,9 @@ SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that has sent no
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """A set of images, one per camera that the feed uses, taken at about the same time; reference: index of the
-    reference camera in the set; taken_s: when its image was taken, by ``time.monotonic``; skipped: number of its unused
-    images since the previous set.
+    """A set of images, one per camera that the feed uses, taken at about the same time. reference: index of the
+    reference camera in the set; taken_s: when this camera's image was taken, by ``time.monotonic``; skipped: number of
+    this camera's unused images since the previous set.
     """
 
     images: tuple[LiveImage | None, ...]
@@ -178,7 +180,7 @@ class LiveSet:
 
     def frame_set(self, cameras: Sequence[Camera], clocks: Sequence[Clock]) -> FrameSet:
         """Return the set in the form that tracking reads, with times on the first camera's clock. Images that cannot be
-        used are left out, and reported in its ``problems``.
+        used are left out, and reported in the frame set's ``problems``.
 
         clocks: one per camera. The frame has the number of the first camera's image, or 0 if this camera has none.
         """
@@ -196,9 +198,9 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    Of the cameras in use, the first that is not silent is the reference camera; the time of its image is the time of
-    the set. A set is complete when every camera in use that is not silent has delivered an image of that time or later,
-    or when that time is longer ago than the usual interval between images.
+    The reference camera is the first camera in use that is not silent; the time of its image is the time of the set. A
+    set is complete when every camera in use that is not silent has delivered an image of the set's time or later, or
+    when that time is longer ago than the usual interval between images.
     """
 
     def __init__(self, count: int) -> None:
@@ -208,7 +210,9 @@ class Feed:
         self._last: LiveSet | None = None
 
     def use(self, cameras: Sequence[int]) -> None:
-        """Make sets only of the images of these cameras, in this order; by default, of all cameras."""
+        """Make sets only of the images of these cameras, in this order. Without a call, sets have the images of all
+        cameras.
+        """
         with self._changed:
             self._used, self._last = cameras, None
 
@@ -247,7 +251,7 @@ class Feed:
 
     @property
     def is_open(self) -> bool:
-        """Return whether more images may follow."""
+        """Return whether the feed may still get images."""
         return self._open
 
     @property
@@ -272,7 +276,7 @@ class Feed:
         return not images or now_s - images[-1].taken_s > SILENT_S
 
     def _newest(self, now_s: float) -> LiveSet | None:
-        """Return the newest complete set that was not taken yet, None if there is none."""
+        """Return the newest complete set that was not taken yet, None without such a set."""
         awake = [k for k in self._used if not self._is_silent(k, now_s)]
         if not awake:
             return None

@@ -1,4 +1,4 @@
-"""Record the first seconds of a patient, and compute from them everything that tracking needs.
+"""Record a patient for some seconds, and compute from these first seconds everything that tracking needs.
 
 For a session's first patient this includes the room; for later patients, the room is known already.
 """
@@ -45,7 +45,7 @@ Say = Callable[[str], None]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveOptions:
     """Options of a live session. config: settings of tracking; wait_frames: number of later frames that are awaited
-    before the pose of a frame is reported; start_s: duration of the recording from which the body is learnt;
+    before the pose in a frame is reported; start_s: duration of the recording from which the body is learnt;
     calibration: a file of camera poses; record: a folder for all depth images; seconds: duration of tracking, None to
     track until the user stops it; markers: name of the stream of the Lab Streaming Layer whose markers are kept in
     ``record``.
@@ -67,8 +67,8 @@ class LiveOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
     """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
-    session; asked: function that returns the number (``PersonInView``) of a person whom the user chose as the new
-    patient, once per choice, else None; keep_markers: called if the session is recorded, with the function by which the
+    session; asked: function that returns, once per choice, the number (``PersonInView``) of a person whom the user
+    chose as the new patient, else None; keep_markers: called if the session is recorded, with the function by which the
     user's markers are stored in the recording.
     """
 
@@ -101,7 +101,7 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """Record the next seconds. whom: words for the recorded person in messages to the user.
+        """Record the next seconds into a new recording. whom: words for the recorded person in messages to the user.
 
         Raises AnchorposeError if the recording cannot be made.
         """
@@ -140,7 +140,7 @@ class FirstSeconds:
         self, recording: Recording, room: Room, place_xz_m: tuple[float, float], before_xz_m: np.ndarray | None
     ) -> Prepared | None:
         """Learn, in a known room, the body of the person who is nearest to ``place_xz_m`` in the first frame in which
-        somebody stands there.
+        any person stands at this place.
 
         before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands at the place,
         if this person is the present patient, or if the body learnt from this person is not of a human's height.
@@ -156,7 +156,7 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """Learn as in ``learn_in``, and report to the user who was found."""
+        """Learn the body as ``learn_in`` does, and report to the user who was found."""
         found = learn_in(room, inputs)
         if found is not None:
             self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")
@@ -164,8 +164,8 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """Learn the body of a room's patient; None if nobody is found, or if the learnt body is not of a human's height and
-    the user gave no height.
+    """Learn the body of a room's patient. Return None if nobody is found, or if the learnt body does not have a human's
+    height and the user gave no height.
     """
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
@@ -191,7 +191,7 @@ def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
     """In a known room, find another patient, who stands at ``place_xz_m`` in the recording of their first seconds. If
-    nobody is found there, the returned room has no initial frames.
+    nobody is found at this place, the returned room has no initial frames.
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
@@ -204,7 +204,7 @@ def known_room(
 
 def in_room(folder: Path, room: Room) -> Recording:
     """Open the recording in ``folder``, with the cameras, their clocks and poses, and the data about the patient of
-    ``room``. Raises InputError if it lacks a camera of the room.
+    ``room``. Raises InputError if the recording lacks a camera of the room.
     """
     found, known = open_recording(folder), room.recording
     names = [camera.name for camera in found.cameras]
@@ -215,16 +215,16 @@ def in_room(folder: Path, room: Room) -> Recording:
     return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
-STEP_S: Final = 0.2  # s, minimum time between two collected sets; a patient in a standing frame moves little meanwhile
+STEP_S: Final = 0.2  # s, minimum time between two collected sets; patients in a standing frame move little in it
 # s, maximum gap between tracked frames; after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
+PACE: Final = 2.0  # minimum speed, relative to real time, of tracking collected sets; above 1, the backlog shrinks
 PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """A thread that collects the image sets that come while the first seconds are analysed, until no set waits any
-    more.
+    """A thread that collects the image sets that arrive while the first seconds are analysed. It ends when all of them
+    are taken.
     """
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
@@ -237,7 +237,7 @@ class Backlog:
         self._thread.start()
 
     def take(self) -> LiveSet | None:
-        """Return the oldest waiting set; None when no set waits, after which nothing more is collected.
+        """Return the oldest waiting set. When no set waits, return None and stop collecting.
 
         If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
         shrinks: the next set is the first that is younger than the previous one by ``PACE`` times the tracking time, or

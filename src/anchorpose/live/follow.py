@@ -1,4 +1,6 @@
-"""Follow the patient live: compute joints of every newest frame, send them at once, store them in blocks of frames."""
+"""Follow the patient live: compute the joints in the newest frame, send them at once, and store them in blocks of
+frames.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ class LatencyMeter:
         self._longest_s, self.dropped = 0.0, 0
 
     def add(self, latency_s: float, dropped: int = 0) -> None:
-        """Count a frame. dropped: number of images before it that were not tracked."""
+        """Count a frame. dropped: number of images before this frame that were not tracked."""
         self._counts[min(max(round(1000 * latency_s), 0), LONGEST_MS)] += 1
         self._longest_s = max(self._longest_s, latency_s)
         self.dropped += dropped
@@ -94,7 +96,7 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track an image set. live: whether it is the newest set, whose joints are sent and whose latency counts."""
+        """Track an image set. live: whether it is the newest set; only then joints are sent and the latency counts."""
         room = self.run.room
         frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)
         self._step(frame_set, live_set.taken_s, live, live_set.skipped if live else 0)
@@ -115,11 +117,11 @@ class LiveFollower:
         self.store()
 
     def _step(self, frame_set: FrameSet, taken_s: float, live: bool, dropped: int = 0) -> None:
-        """Track a frame unless it is not later than the last one, as when the last frame of the first seconds comes
-        twice.
+        """Track a frame, unless its time is not later than the last frame's, as when the last frame of the first
+        seconds comes twice.
 
         Frames have the numbers of the first camera's images, as in a recording of the session. While this camera gives
-        none, the numbers continue by one per frame.
+        no images, the numbers increase by one per frame.
         """
         if frame_set.time_s <= self._last_s + ROUNDING_S:
             self.latency.dropped += dropped + int(live)
@@ -152,8 +154,8 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """Find the present contacts with people and equipment. This is done after the frame was sent, since it would
-        delay sending; the contacts are sent with the next frame.
+        """Find the present contacts with people and equipment. Call this after the frame was sent, so that sending is
+        not delayed; the contacts are sent with the next frame.
         """
         if self._contacts is None:
             points, parts = body_points(), self.run.room.recording.part_names

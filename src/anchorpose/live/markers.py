@@ -1,4 +1,4 @@
-"""Receive markers of other programs by the Lab Streaming Layer while cameras run, and turn them into trials.
+"""While cameras run, receive markers of other programs by the Lab Streaming Layer, and turn these markers into trials.
 
 ``begin NAME`` begins a trial of the condition NAME and ends the previous trial; ``end`` ends the trial; ``rating
 NUMBER`` rates the running or the last trial. Any other text is kept only as a marker.
@@ -106,7 +106,7 @@ def write_events(folder: Path, end_s: float) -> None:
 
 
 class MarkerInlet:
-    """A reader of a marker stream (Lab Streaming Layer). It reads in a separate thread from ``start`` to ``stop``."""
+    """A reader of a marker stream (Lab Streaming Layer) that reads in its own thread from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
         """Raise MissingPackage without pylsl, AnchorposeError if no stream has this name within ``FIND_S``."""

@@ -1,10 +1,10 @@
 """Read one Orbbec camera and write its depth images to standard output, in a separate process (``live.cameras``).
 
 pyorbbecsdk2 needs packages that conflict with the packages of anchorpose. So this file imports nothing of anchorpose,
-and runs in any Python that has pyorbbecsdk2: python orbbec_process.py [SERIAL]. It writes one line of JSON with the
-lens, then for each image a header (number, device time in microseconds, host time in microseconds, metres per grey
-value, number of bytes) and the grey values. On an error, it writes one line to standard error and ends with exit code
-2.
+and runs in any Python that has pyorbbecsdk2: python orbbec_process.py [SERIAL]. The process writes one line of JSON
+with the lens, then for each image a header (number, device time in microseconds, host time in microseconds, metres per
+grey value, number of bytes) and the grey values. On an error, the process writes one line to standard error and ends
+with exit code 2.
 """
 
 import json
@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
-    """Write the lens, then images; return exit code 2 if the camera delivers no more."""
+    """Write the lens, then images; return exit code 2 if the camera delivers no more images."""
     out = sys.stdout.buffer
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     about = {

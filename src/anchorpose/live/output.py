@@ -57,11 +57,11 @@ class LiveFrame:
 
     frame: number of the frame; time_s: its time on the first camera's clock; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
-    ``JointState``. why_lost: why all joints are lost, else empty. touched: parts of the patient (``REGIONS``) that
-    other people touched in the previous frame, and whether the contact was seen; None if unknown. dropped: number of
-    images that were not tracked since live tracking began. people: all other people in view; patient: number of the
-    patient, first 1, and increased by 1 whenever another person becomes the patient. holding: parts of the patient that
-    touch the equipment, in the form of ``touched``.
+    ``JointState``. why_lost: the reason if all joints are lost, else empty. touched: parts of the patient (``REGIONS``)
+    that other people touched in the previous frame, and whether the contact was seen; None if unknown. dropped: number
+    of images that were not tracked since live tracking began. people: all other people in view; patient: number of the
+    patient, which begins with 1 and increases by 1 whenever another person becomes the patient. holding: parts of the
+    patient that touch the equipment, in the form of ``touched``.
     """
 
     frame: int
@@ -96,7 +96,7 @@ class LiveFrame:
 
 @lru_cache(maxsize=2)  # several outputs need the angles of the same frame
 def angles_of(frame: LiveFrame) -> AngleTable:
-    """Return the angles of a frame as a table of one row. They are computed on demand, once for all outputs."""
+    """Return the angles of a frame as a table of one row. Angles are computed on demand, once for all outputs."""
     return joint_angles(frame.joint_table)
 
 
@@ -106,7 +106,7 @@ class Output(Protocol):
     name: str
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame without waiting for the receiver; raises OSError if sending is no longer possible."""
+        """Send a frame without waiting for the receiver; raises OSError if sending is not possible any more."""
         ...
 
     def close(self) -> None:
@@ -115,7 +115,9 @@ class Output(Protocol):
 
 
 def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """Return the values of an estimate (the result of tracking a frame) that are sent; taken_s as in ``LiveFrame``."""
+    """Return those values of an estimate (the result of tracking a frame) that outputs send; taken_s: as in
+    ``LiveFrame``.
+    """
     frame_set = estimate.frame_set
     codes = np.array([_CODES[state] for state in estimate.states], np.int8)
     return LiveFrame(
@@ -164,8 +166,8 @@ ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), (
 
 
 class LslOutput:
-    """Two streams of the Lab Streaming Layer, anchorpose (type Mocap) and anchorpose-angles; each sample has the time
-    at which its images were taken.
+    """Two streams of the Lab Streaming Layer, named anchorpose (type Mocap) and anchorpose-angles; each sample has the
+    time at which its images were taken.
     """
 
     name = "LSL"
@@ -225,7 +227,7 @@ class OscOutput:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Raise MissingPackage without python-osc, OSError if there is no such host."""
+        """Raise MissingPackage without python-osc, OSError if the host is unknown."""
         try:
             from pythonosc import osc_bundle_builder, osc_message_builder
             from pythonosc.udp_client import UDPClient
@@ -251,7 +253,7 @@ class OscOutput:
         self._client.send(bundle.build())
 
     def close(self) -> None:
-        """Do nothing: there is no connection to close."""
+        """Do nothing, since UDP has no connection to close."""
 
     def _add_named(self, bundle: OscBundleBuilder, address: str, name: str, values: list[float], state: int) -> None:
         known = values if all(map(math.isfinite, values)) else []

@@ -1,4 +1,4 @@
-"""Serve the newest frames to browsers: the live page, and the stream of events from which the page reads them.
+"""Serve the live page to browsers, and the stream of events from which the page reads the newest frames.
 
 Each client is served by a thread, which takes the newest frame when the previous frame has been sent: a slow client
 misses frames, and a client that never reads is dropped after some seconds. The tracker never waits for clients.
@@ -47,8 +47,8 @@ class Standing:
 
 
 class UprightClock:
-    """A clock of upright time that takes frames in order. It defines upright as ``anchorpose measure`` does, but uses
-    no later frames.
+    """A clock of upright time that takes frames in order. The clock defines upright as ``anchorpose measure`` does, but
+    uses no later frames.
 
     The leg length that this definition needs is taken from the joints of each frame. Time counts between two upright
     frames at most half a second apart; in a longer gap, the patient might have sat down and stood up.
@@ -59,7 +59,7 @@ class UprightClock:
         self._upright, self._upright_s, self._last_s = UNKNOWN, 0.0, float("-inf")
 
     def push(self, joints: JointTable) -> Standing:
-        """Add the joints of one frame, and return the state of standing after it."""
+        """Add the joints of one frame, and return the state of standing after this frame."""
         body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
         shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)
@@ -89,7 +89,7 @@ EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
 SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
 CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
-# bytes of the socket's buffer, enough for some frames; from a larger buffer, a slow client would get frames seconds
+# bytes of the socket's buffer, enough for some frames; with a larger buffer, a slow client would get frames seconds
 # late
 BUFFER_BYTES: Final = 32 * 1024
 EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
@@ -99,7 +99,7 @@ class PageOutput:
     """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
 
     has_markers: whether the page has keys and buttons for conditions and ratings, which only a recording can store.
-    Raises AnchorposeError if it cannot listen on ``host`` and ``port``.
+    Raises AnchorposeError if the server cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
@@ -137,7 +137,7 @@ class PageOutput:
         self._server.take_marker = take
 
     def close(self) -> None:
-        """Show that the session has ended, and end the server. May be called twice."""
+        """Show on the page that the session has ended, and end the server. May be called twice."""
         self._newest.end()
         self._server.shutdown()
         self._server.server_close()
@@ -193,8 +193,8 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 class _Newest:
-    """The newest frame and sentence, for any number of clients, and the person whom a client chose as the patient;
-    nothing older is kept.
+    """The newest frame and sentence for all clients, and the person whom a client chose as the patient. Older frames
+    and sentences are not kept.
     """
 
     def __init__(self) -> None:
@@ -248,7 +248,7 @@ class _Newest:
             return self._count, _event("sentence", self._sentence[1])
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
-        """Wait for events newer than the number ``after``; return the newest number and the events, empty if none
+        """Wait for events newer than the number ``after``; return the newest number and the events, empty if no event
         came.
         """
         with self._changed:

@@ -43,7 +43,7 @@ class Recorder:
 
     def __init__(self, folder: Path, cameras: Sequence[CameraPlan], about: Path | None = None) -> None:
         """Prepare ``folder``, which must be absent or empty. about: a recording folder whose equipment, images of the
-        empty room and patient are valid here, too. Raises InputError if ``folder`` cannot be written.
+        empty room and patient are also valid for the new recording. Raises InputError if ``folder`` cannot be written.
         """
         self.folder, self._stack = folder, ExitStack()
         _make_room(folder)
@@ -53,7 +53,7 @@ class Recorder:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
         self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
-        self._began_s: float | None = None  # that time of the recording's first camera; None until it is known
+        self._began_s: float | None = None  # the same for the recording's first camera; None until known
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
@@ -66,8 +66,8 @@ class Recorder:
         self._syncing.start()
 
     def put(self, image: LiveImage) -> str | None:
-        """Write an image; an image that comes after the end is ignored. Return the reason if its time does not permit
-        to write it, else None. Raises AnchorposeError if less than half a gigabyte is free on the disk.
+        """Write an image; an image that comes after the end is ignored. Return the reason if the image cannot be
+        written because of its time, else None. Raises AnchorposeError if less than half a gigabyte is free on the disk.
         """
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
@@ -147,7 +147,7 @@ class Recorder:
 
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
-            with suppress(OSError):  # if syncing fails, it is tried again after ``SYNC_S``, or at the end
+            with suppress(OSError):  # failed syncing is tried again after ``SYNC_S``, or at the end
                 self._sync()
 
     def _sync(self) -> None:
@@ -155,7 +155,7 @@ class Recorder:
         for path in (*self._unsynced[:count], *(writer.folder / "timestamps.csv" for writer in self._writers)):
             with open_regular(path) as file:
                 os.fsync(file.fileno())
-        del self._unsynced[:count]  # images that were written meanwhile are synced next time
+        del self._unsynced[:count]  # images that were written during this sync are synced the next time
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def finish_recording(folder: Path) -> Path:
     """Turn a folder that ``Recorder`` has written into a recording; if the recorder was cut off, the recording has all
     complete images. A camera without an image is left out, with a note in recording.json.
 
-    Raises InputError if it is not such a folder, or if no camera has an image.
+    Raises InputError if ``folder`` was not written by ``Recorder``, or if no camera has an image.
     """
     path = folder / UNFINISHED_FILE
     if not path.is_file():
@@ -195,7 +195,7 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove the incomplete images of a camera; return whether it has complete ones."""
+    """Remove the incomplete images of a camera; return whether the camera has complete images."""
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")
     with CameraWriter(folder, CameraPlan(camera=camera)) as writer:
@@ -205,7 +205,9 @@ def _finish_camera(folder: Path, camera: Camera) -> bool:
 
 
 def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
-    """Leave all cameras but those of the names ``kept`` out of a recording's document, with a note on each."""
+    """Remove all cameras except those named in ``kept`` from a recording's document, and add a note on each removed
+    camera.
+    """
     found = read_json(document)
     gone = [camera["name"] for camera in found["cameras"] if camera["name"] not in kept]
     if not gone:
@@ -316,7 +318,9 @@ def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callab
 def _record_empty_room(
     intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
 ) -> None:
-    """Record each camera's median depth image, in which a pixel has no reading if most of the images lack one there."""
+    """Record each camera's median depth image. A pixel of this image has no reading if most images have no reading
+    there.
+    """
     seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
 
     def keep(image: LiveImage) -> None:

@@ -1,9 +1,10 @@
-"""Track live cameras: analyse the first seconds, learn the body, catch up, follow every newest frame, write results.
+"""Track live cameras: analyse the first seconds, learn the body, catch up with the images taken meanwhile, follow every
+newest frame, and write results.
 
-The first seconds are recorded and analysed like any recording. Images that arrive during the analysis are then tracked
-at a few frames per second, so that the patient is followed without a break. From then on every newest frame is tracked,
-and images that arrive during its processing are dropped. If another person becomes the patient, all of this begins
-again for that person, in the known room.
+The first seconds are recorded and analysed like any recording. Images that arrived during this analysis are then
+tracked at a few frames per second, so that the patient is followed without a break. From then on every newest frame is
+tracked, and images that arrive during its processing are dropped. If another person becomes the patient, these phases
+begin again for that person, in the known room.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from anchorpose.tracker.following import Follower
 
 PATIENCE_S: Final = 0.5
 REPORT_S: Final = 10.0  # s between two messages about latency
-MOST_THREADS: Final = 4  # maximum number of threads that track; more would wait for Python's global lock
+MOST_THREADS: Final = 4  # maximum number of threads that track; more threads would wait for Python's global lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +51,8 @@ class Followed:
 def track_live(
     sources: Sequence[LiveSource], results: Path, options: LiveOptions, outputs: Sequence[Output], user: User
 ) -> LatencyMeter:
-    """Track the patient until the sources end or the user stops it, then write everything into the existing folder
-    ``results``.
+    """Track the patient until the sources end or the user stops the session, then write everything into the existing
+    folder ``results``.
 
     Raises AnchorposeError if no source delivers images, or the patient is not found before the end.
     """
@@ -92,8 +93,8 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """Finish the recording and return its folder. Return None without a recording, or if it cannot be finished; then
-    ``intake.failures`` gets a sentence with the reason.
+    """Finish the recording and return its folder. Return None without a recording, or if the recording cannot be
+    finished; then ``intake.failures`` gets a sentence with the reason.
     """
     try:
         return None if recorder is None else recorder.finish()
@@ -117,12 +118,12 @@ class _Session:
 
     def prepare(self) -> tuple[Prepared, Backlog]:
         """Record first seconds until a patient is found in them. Return the room and the patient's body as learnt from
-        them, and the images that came since.
+        these seconds, and the images that came after them.
         """
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
-            # a camera that was covered in these seconds is not used any more: the room has no place for it
+            # a camera that was covered in these seconds is not used after them: the learnt room does not include it
             self.intake.feed.use(places_of(recording.cameras, [one.camera for one in self.intake.cameras]))
             backlog = Backlog(self.intake.feed, recording.cameras)
             found = self.first_seconds.learn(recording)

@@ -1,4 +1,4 @@
-"""Store a live session while it runs, write its results, and finish a session that ended early."""
+"""Store a live session while it runs, write the session's results, and finish a session that ended early."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ class LivePatient:
 def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Path | None, notes: Sequence[str]) -> None:
     """Write the last patient's results into an existing folder, and each earlier patient's results into a subfolder.
 
-    recorded: a recording of the session, from which pictures are made. They are made from the first seconds if it is
-    None, or if it lacks a usable image of a camera that was tracked.
+    recorded: a recording of the session, from which pictures are made. Pictures are made from the first seconds if
+    ``recorded`` is None, or if it lacks a usable image of a camera that was tracked.
     notes: sentences on the session, for every ``run.json``.
     """
     *earlier, last = patients
@@ -100,8 +100,8 @@ class StoredPatient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredSession:
-    """The document ``session.json``. ended: why the session ended early. The default is the reason if the program was
-    killed and could not write one.
+    """The document ``session.json``. ended: why the session ended early. The default reason applies if the program was
+    killed and could not write a reason.
     """
 
     options: LiveOptions

@@ -1,11 +1,11 @@
 """Read and index reference movements: from the shipped file, from files of ``motions build``, and from skeletons of
 other trackers.
 
-A pose vector theta does not depend on where the patient stands or which way the patient faces. It has 21 x 3 joint
-positions relative to SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then 4
-numbers for the path. The first three are the distances travelled by SpineBase along X, Y and Z of each moment's heading
-frame, summed over all frames so far; the fourth is the heading, radians, unwrapped. Only differences of these 4 numbers
-have a meaning.
+A pose vector theta does not depend on where the patient stands or which way the patient faces. The vector has 21 x 3
+joint positions relative to SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then
+4 numbers for the path. The first three are the distances travelled by SpineBase, summed over all frames so far, along
+X, Y and Z of the heading frame at each moment; the fourth is the heading, radians, unwrapped. Only differences of these
+4 numbers have a meaning.
 
 A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
 is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
@@ -30,10 +30,10 @@ COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
 # number of successive sub-lists (short series of poses) in a segment. The search has one lower bound for the costs
-# (differences from the patient's last poses) of a whole segment; in larger segments it is looser, so more sub-lists
-# must be tested
+# (differences from the patient's last poses) of a whole segment; the bound is looser for larger segments, so more
+# sub-lists must be tested
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal components for the lower bounds, which then reach nine tenths of the costs
+COLUMNS: Final = 16  # number of principal components for the lower bounds, which reach nine tenths of the costs
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -51,7 +51,7 @@ class SubLists(NamedTuple):
     # (s + 1,) int64, index of the first sub-list of each segment (group of neighbours); last entry: w
     segment: np.ndarray
     centre: np.ndarray  # (s, 2, COLUMNS) float32, mean of the summaries in each segment
-    radius: np.ndarray  # (s, 2) float32, maximum distances of mean poses and of displacements from those of the centre
+    radius: np.ndarray  # (s, 2) float32, maximum distances of a segment's mean poses and displacements from its centre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +81,8 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Return the world joints (steps, 21, 3) of the pose vectors ``theta`` (steps, 67). They follow a frame with the
-    joints ``last_m`` (21, 3) and the pose vector ``last_theta``.
+    """Return the world joints (steps, 21, 3) of the pose vectors ``theta`` (steps, 67). The poses follow a frame with
+    the joints ``last_m`` (21, 3) and the pose vector ``last_theta``.
     """
     headings = theta[:, -1]
     before = np.concatenate([last_theta[-1:], headings[:-1]])
@@ -94,7 +94,7 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
     """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the line between the
-    hips and to the line between the shoulders. One of the two lines is enough; NaN if both are unknown.
+    hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are unknown.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -205,7 +205,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger numbers are not mm
+# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger values are not in mm
 FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
@@ -229,7 +229,7 @@ DERIVED: Final = {
     "Neck": ("SpineShoulder", "Head", 0.31),
 }
 """Joints that a file may lack. Each is placed on the line through two other joints, at this share of the way from the
-first to the second. The shares are those of the shipped body model's mean adult.
+first to the second. The shares were measured on the mean adult of the shipped body model.
 """
 
 
@@ -249,7 +249,7 @@ class ReferenceClips:
 
 
 def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
-    """Join clips, in order."""
+    """Join the clips of all parts, in the order given."""
     return ReferenceClips(
         tuple(clip for part in parts for clip in part.joints_m),
         tuple(name for part in parts for name in part.names),
@@ -297,9 +297,9 @@ def read_motions(path: Path) -> ReferenceClips:
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
     """Read the clips of a skeleton file and convert them to our 21 joints.
 
-    rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of bones
-    that begin there; hands and neck may be derived from other joints, as a note then states. Raises InputError if a
-    joint is missing or the file is not valid.
+    rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of the
+    bones that begin at the joints; hands and neck may be derived from other joints, as a note then states. Raises
+    InputError if a joint is missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]

@@ -1,5 +1,5 @@
-"""Predict the joints of the next frames by scaled motion dynamics: continue the movements in the database that are most
-similar to the last frames (paper, Section IV). The search for these movements is exact.
+"""Predict the joints of the next frames by scaled motion dynamics: find the movements in the database that are most
+similar to the last frames, by an exact search, and continue them (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Matches:
     distance_m: np.ndarray  # (m,) cost, as root-mean-square distance over the joints per frame
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
-        """Return pose vectors (m, f, d) of each match. ``frames`` (f,): how many frames after the match's newest pose
-        each of them lies; negative: before it.
+        """Return pose vectors (m, f, d) of each match. ``frames`` (f,): number of frames from the match's newest pose
+        to each pose returned; negative: before the newest pose.
         """
         return poses_at(database.theta, self.place[:, None] + frames * self.stride[:, None])
 
@@ -61,8 +61,8 @@ def best_sublists(
     occurs in movements of any direction and speed. history (k, d): the newest pose last. Only sub-lists that are
     followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best costs are skipped. The
     result is still exact, since k distances sum up to at least k times the distance of the means, and omitted columns
-    only lower this bound. Of equal sub-lists, the earlier is taken. A column that is missing anywhere in the history is
-    not compared; then every sub-list is tested.
+    only lower this bound. Among equal sub-lists, the earlier is taken. A column that is missing anywhere in the history
+    is not compared; then every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -120,7 +120,9 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert a sub-list w among the best if its cost is low enough; return the number of sub-lists found so far."""
+    """Insert the sub-list w into the list of the best if its cost is low enough; return the number of sub-lists in the
+    list.
+    """
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
             return found
@@ -173,7 +175,7 @@ def _bound_segments(
 def _cost(
     theta: np.ndarray, history: np.ndarray, place: float, stride: float, displacement_weight: float, limit: float
 ) -> float:
-    """Return the cost of one sub-list; inf if it exceeds ``limit``."""
+    """Return the cost of one sub-list; inf if the cost exceeds ``limit``."""
     k, d = history.shape
     last = len(theta) - 1
     new, old = int(place), int(place - (k - 1) * stride)
@@ -207,7 +209,7 @@ OWN_VELOCITY: Final = 0.8
 # number of newest frames on which each of ``SPANS`` is tested: each frame is predicted from the frames before it, and
 # the errors (of about 60 columns) determine the span's weight
 _CHECKED_STEPS: Final = 6
-# a span's weight is 1 / (its squared error to this power), so a fifth more squared error halves the weight
+# a span's weight is 1 / (squared error to this power), so a squared error that is larger by a fifth halves the weight
 _SHARPNESS: Final = 4
 
 
@@ -222,7 +224,7 @@ class MotionRule(StrEnum):
 
 @settings
 class MotionConfig:
-    """Settings of how movements are compared and continued. Pose vectors are described in ``motion.database``.
+    """Settings of how movements are compared and continued. The module ``motion.database`` describes pose vectors.
 
     The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
     """
@@ -235,7 +237,7 @@ class MotionConfig:
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
     # number of similar sub-lists that are averaged; a single one would add its noise, and 64 are no better
     neighbours: Count = 32
-    checked: Count = 7  # predictions by matches and by velocity, made this many frames ago, are tested to weight them
+    checked: Count = 7  # predictions by matches and by velocity from this many frames ago are tested, to weight both
 
     @property
     def uses_database(self) -> bool:
@@ -252,7 +254,7 @@ class PredictionSource(StrEnum):
     """The source of a prediction."""
 
     DATABASE = "database"
-    OWN_VELOCITY = "own_velocity"  # by velocity: there are no reference movements, or the history is too short
+    OWN_VELOCITY = "own_velocity"  # by velocity, without reference movements or with too short a history
     STANDSTILL = "standstill"  # the last pose is repeated: the velocity is unknown, or the rule asks for it
 
 
@@ -262,7 +264,7 @@ class Prediction:
 
     theta: np.ndarray  # (steps, d) float64, NaN where the last pose is unknown
     source: PredictionSource
-    matches: Matches | None  # the similar sub-lists; None if none were searched for or found
+    matches: Matches | None  # the similar sub-lists; None if no sub-lists were searched for or found
     trust: float  # from 0 (only the patient's own velocity) to 1 (only the continuation of the matches)
 
 
@@ -350,7 +352,9 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """Return the prediction by the matches, averaged with that by the patient's own velocity, weighted by trust."""
+    """Return the mean of the prediction by the matches and the prediction by the patient's own velocity, weighted by
+    trust.
+    """
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
     matched = np.tensordot(weight / weight.sum(), matches.poses(database, np.arange(-before, steps + 1)), axes=1)
@@ -367,8 +371,8 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust in the matches, 0 to 1. It compares predictions of the newest pose, made ``checked`` frames
-    before: it is the squared error by velocity, divided by the sum of this error and the squared error by the matches.
+    """Return the trust in the matches, 0 to 1, from two predictions of the newest pose made ``checked`` frames before,
+    by velocity and by the matches: the squared error by velocity, divided by the sum of both squared errors.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))

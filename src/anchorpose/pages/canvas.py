@@ -1,8 +1,8 @@
-"""Provide what all pictures drawn over a depth image share: colours, grey shading, projection to pixels, names beside
-dots, and encoding as PNG.
+"""Provide the functions for pictures drawn over a depth image: colours, grey shading, projection to pixels, names
+beside dots, and encoding as PNG.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish. Each is (blue, green, red), OpenCV's
-order.
+The colours were chosen by Okabe and Ito so that colour-blind readers can distinguish them. Each colour is (blue, green,
+red), OpenCV's order.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Ink:
 
 
 PICTURE_WIDTH: Final = 960
-"""Width of a picture in pixels. It is large enough to read the names on a phone held sideways, and small enough to
-embed a dozen pictures in a page.
+"""Width of a picture in pixels. Pictures of this width are large enough to read the names on a phone held sideways, and
+small enough to embed a dozen of them in a page.
 """
 
 

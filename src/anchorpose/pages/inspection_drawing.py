@@ -60,8 +60,8 @@ def draw_foreground(one: InspectedCamera) -> np.ndarray:
 
 
 def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
-    """Draw where the equipment is expected, which pixels were removed as equipment, and where it hides what is behind;
-    None without equipment.
+    """Draw where the equipment is expected, which pixels were removed as equipment, and where equipment hides the
+    surfaces behind; None without equipment.
     """
     expected = one.scene.equipment
     if expected is None:
@@ -75,7 +75,7 @@ def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
 
 
 def draw_people(one: InspectedCamera) -> np.ndarray:
-    """Draw the person label of each pixel; if the patient was not found, the separate pieces of the foreground."""
+    """Draw the person label of each pixel or, if the patient was not found, the separate pieces of the foreground."""
     labels = _labels(one)
     people = [int(label) for label in np.unique(labels) if label >= PixelLabel.PATIENT]
     masks = [labels == label for label in people]
@@ -88,7 +88,7 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
     """Turn ``draw``, a function that draws nodes of the patient's surface, into one that draws a camera's picture.
-    ``draw`` gets the mask ``own`` of the nodes that the camera saw; if it saw none, there is no picture (None).
+    ``draw`` gets the mask ``own`` of the nodes that the camera saw; if the camera saw no node, the picture is None.
     """
 
     @wraps(draw)
@@ -142,8 +142,8 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw all extrema of the surface, name those that were identified as head, hands or feet (the anchors), and list
-    the anchors that were missed.
+    """Draw all extrema of the surface, write the names of extrema that were identified as head, hands or feet (the
+    anchors), and list the anchors that were missed.
     """
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
@@ -163,8 +163,8 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw for each node how many hypotheses matched it to a node of the next frame's surface. There is one hypothesis
-    for each subset of the anchors (head, hands, feet). The result is None without a next frame.
+    """Draw, for each node, how many hypotheses matched the node with a node of the next frame's surface. There is one
+    hypothesis for each subset of the anchors (head, hands, feet). The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None
@@ -178,7 +178,9 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw where the skin moves, by the best chain of hypotheses in the track tree; None without a next frame."""
+    """Draw where each place on the skin moves, according to the best branch of the track tree; None without a next
+    frame.
+    """
     if (following := one.inspection.next) is None:
         return None
     picture, to_pixel = _canvas(one)

@@ -1,4 +1,4 @@
-"""Write the page of one inspected frame: for each stage its pictures, a sentence, and the meaning of the colours."""
+"""Write the page of one inspected frame, with pictures, a sentence, and the meaning of the colours for each stage."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def write_inspection(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """The description of a stage. draw: function that draws one camera's picture, or returns None if it has nothing to
-    draw. caption: a text in which ``{next_frame}`` (the next frame's number) and ``{rooms}`` (the source of each
+    """The description of a stage. draw: function that draws one camera's picture, or returns None if nothing is to be
+    drawn. caption: a text in which ``{next_frame}`` (the next frame's number) and ``{rooms}`` (the source of each
     camera's empty room) are filled in. legend: (colour, meaning) of each colour. missing: the text if no camera has a
     picture.
     """

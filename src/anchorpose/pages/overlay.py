@@ -1,7 +1,7 @@
 """Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
 
-The report shows some frames spread over the recording, the most and the least certain frame, and the first transitions
-(standing up and sitting down).
+The report shows some frames spread over the recording, the frames in which the joints are most and least certain, and
+the first transitions (standing up and sitting down).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from anchorpose.tracker.room import Room
 _LABEL_TINT: Final = {
     PixelLabel.EQUIPMENT: Ink.EQUIPMENT,
     PixelLabel.PATIENT: Ink.PATIENT,
-    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # higher labels, which are further people, have this colour too
+    PixelLabel.OTHER_PERSON: Ink.PURPLE,  # larger labels, of further people, get this colour, too
 }
 
 
@@ -61,9 +61,9 @@ class OverlayScene:
     """One camera's depth image and what to draw over it; a field that is None is not drawn. All points are in the
     world.
 
-    depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3) and mesh_edges (m,
-    2), pairs of indices of its points; anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN where lost, with
-    sigma_m (21,); body_m (v, 3): skin of the posed body.
+    depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3): points of the
+    mesh; mesh_edges (m, 2): pairs of indices of these points; anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN
+    where lost, with sigma_m (21,); body_m (v, 3): skin of the posed body.
     """
 
     camera: Camera  # the camera with the pose with which the frame was tracked
@@ -101,7 +101,7 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
 
 
 def _tint(labels: np.ndarray) -> np.ndarray:
-    """Return the tint (height, width, 3): people and equipment in their colours, everything else white."""
+    """Return the tint (height, width, 3): people and equipment have their colours, everything else is white."""
     tint = np.full((*labels.shape, 3), 255.0)
     for label, colour in _LABEL_TINT.items():
         chosen = labels >= label if label is PixelLabel.OTHER_PERSON else labels == label
@@ -180,7 +180,7 @@ def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[Pictu
 
 
 SPREAD: Final = 4  # number of frames that are chosen evenly over the recording
-TRANSITIONS: Final = 4  # maximum number of transitions (standing up, sitting down) shown; the first ones are chosen
+TRANSITIONS: Final = 4  # maximum number of transitions (standing up, sitting down) shown; the first are chosen
 
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
@@ -196,7 +196,7 @@ class ChosenFrame:
 
 
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
-    """Choose the frames for the report's pictures; return them in the order of time, each once.
+    """Choose the frames for the report's pictures; return each frame once, in the order of time.
 
     segmented (n,) bool: True for frames with person labels; only such frames, if the patient is found in them, can be
     the most or the least certain frame.
@@ -260,10 +260,10 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 
 
 def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether it is there.
+    """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether the stream has it.
 
-    A live session may have recorded only its start. A camera that was silent may count on from an earlier number, so
-    the times must agree, too.
+    A live session may have recorded only its start. A camera that was silent may continue its numbers from an earlier
+    one, so the times must agree, too.
     """
     position = np.searchsorted(stream.frame, joints.frame).clip(max=len(stream.frame) - 1)
     apart_s = np.abs(stream.time_s[position] - joints.time_s)

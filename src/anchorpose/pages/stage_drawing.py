@@ -121,7 +121,7 @@ def fill_blocks(picture: np.ndarray, camera: Camera, pixel: np.ndarray, colour: 
 
 def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band: np.ndarray) -> None:
     """Draw contour lines in black, between the blocks of neighbouring nodes whose values are separated by a contour
-    value. band (n,): number of the interval between contour values that holds each node's value.
+    value. band (n,): for each node, the number of the interval between contour values in which its value lies.
     """
     large = _blocks(picture, camera, pixel, band, np.array(np.nan))
     for axis in (0, 1):
@@ -149,8 +149,8 @@ PART_COLOURS: Final = (Ink.ORANGE, Ink.SKY, Ink.YELLOW, Ink.PURPLE, Ink.GREEN, I
 
 
 def draw_model(camera: Camera, depth_m: np.ndarray, model: EquipmentModel | None, axes: bool = False) -> np.ndarray:
-    """Draw the outline and name of each part of the equipment over the depth image (height, width); outlines are hidden
-    where another part is in front.
+    """Draw the outline and name of each part of the equipment over the depth image (height, width); outlines are left
+    out where another part is in front.
 
     axes: whether to draw the axes of the world, each 0.3 m long from the origin.
     """

@@ -1,8 +1,9 @@
-"""Read depth images, 16-bit grey PNG files, and check first every byte of the file and then the content of the image.
+"""Read depth images (16-bit grey PNG files): check every byte of the file, then the content of the image.
 
 A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: they
-have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. Such an image is left out as
-if it were missing. The check uses no prediction of the scene, so it is valid for every room and every pose.
+have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. An image with such content
+is left out as if it were missing. The check uses no prediction of the scene, so it is valid for every room and every
+pose.
 
 ``RecordedFrames`` reads single images with times on the camera's own clock, before the images of different cameras are
 paired by time.
@@ -33,7 +34,7 @@ FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
-ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so none is missed
+ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so no surface is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
 ENOUGH: Final = 4000  # readings needed before the limits below apply; with fewer, a sound image may fail them by chance
 # maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
@@ -55,10 +56,10 @@ class DepthImage:
 
 
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
-    """Read the depth image of a file; if the file is damaged, the result has a ``problem``.
+    """Read the depth image in a file; if the file is damaged, the result states the ``problem``.
 
     judged: whether the content is checked, as in ``image_of_grey``. listed: the file's stamp (size, time and inode)
-    when the recording was opened. Raises InputError if the file was replaced since then.
+    when the recording was opened. Raises InputError if the file was replaced after that.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)
@@ -197,7 +198,7 @@ def image_chunks(data: bytes) -> tuple[bytes, str]:
 
 
 def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
-    """Convert grey values (height, width) uint16 to metres (height, width) float32; 0 where there is no measurement.
+    """Convert grey values (height, width) uint16 to metres (height, width) float32; 0 without a measurement.
 
     The value 0, the largest 16-bit value, and values beyond ``FARTHEST_M`` are not measurements.
     """
@@ -208,7 +209,7 @@ def measured_m(grey: np.ndarray, depth_scale: float) -> np.ndarray:
 
 def content_problem(grey: np.ndarray, depth_m: np.ndarray) -> str:
     """Return why an image cannot be a measurement, as the end of a sentence that begins with the file's name; empty if
-    it may be a measurement.
+    the image may be a measurement.
 
     grey (height, width) uint16 as the file has it; depth_m (height, width) float32: the same in metres, 0 = no reading.
     """

@@ -1,7 +1,7 @@
 """Read text files: CSV, and JSON whose allowed keys a class declares. Every error names the file, the place and the
 remedy.
 
-JSON text is parsed only here. Its size, nesting depth and numbers have limits, so that no file can stall a run.
+JSON text is parsed only here. The text's size, nesting depth and numbers have limits, so that no file can stall a run.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
     """Parse a JSON text in which every key of an object occurs once. NaN and infinities are not refused here.
 
-    Bytes are text in UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, if the text is not JSON, is larger than
-    ``largest_bytes``, or has values that ``require_plain`` refuses. The time that the checks take is at most
-    proportional to the size of the text.
+    If ``text`` is bytes, its encoding is UTF-8, UTF-16 or UTF-32. Raises Unfit, a ValueError, if the text is not JSON,
+    is larger than ``largest_bytes``, or has values that ``require_plain`` refuses. The time that the checks take is at
+    most proportional to the size of the text.
     """
     if len(text) > largest_bytes:
         raise Unfit(f"is larger than {largest_bytes / 2**20:g} MB", "give the right file: this one describes no more")
@@ -82,7 +82,7 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
     """Raise Unfit if values are nested too deeply, an integer is too large, or a text contains a null character or half
-    a surrogate pair, since such a text cannot be printed or be a file's name.
+    a surrogate pair. A text with these can neither be printed nor be a file's name.
     """
     if levels < 0:
         raise _too_deep()
@@ -109,7 +109,7 @@ def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(digits: str) -> int:
-    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # plus its sign
+    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # one more for the sign
         raise _too_large()
     return int(digits)
 
@@ -214,7 +214,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """Read the text of a file in UTF-8; raises InputError if it cannot be read or is not UTF-8."""
+    """Read the text of a file in UTF-8; raises InputError if the file cannot be read or is not UTF-8."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
     try:
@@ -235,8 +235,8 @@ def read_json(path: Path, largest_bytes: int = LARGEST_BYTES) -> dict[str, Any]:
 
 
 def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TABLE) -> list[tuple[int, list[str]]]:
-    """Read the non-empty rows of a table. Each is returned as the number of its last line in the file, and its cells
-    without spaces around them.
+    """Read the non-empty rows of a table. For each row, the number of its last line in the file is returned, and its
+    cells without spaces around them.
 
     Raises InputError if the file cannot be read, or is not a table with this delimiter.
     """

@@ -47,7 +47,7 @@ class Box:
         return self.center_m + (_BOX_CORNERS * self.size_m) @ self.rotation.T, _BOX_FACES
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (n,) signed distance to the surface, exact; negative inside."""
+        """Return the exact signed distance (n,) to the surface; negative inside."""
         beyond = np.abs((points_m - self.center_m) @ self.rotation) - self.size_m / 2.0
         return np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(axis=-1), 0.0)
 
@@ -79,7 +79,7 @@ class Cylinder:
         return vertices, np.concatenate([np.stack(ring, axis=1) for ring in rings]).astype(np.int32)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (n,) signed distance to the surface, exact; negative inside."""
+        """Return the exact signed distance (n,) to the surface; negative inside."""
         offset = points_m - self.center_m
         along = offset @ self.axis
         across = np.linalg.norm(offset - along[..., None] * self.axis, axis=-1)
@@ -126,8 +126,8 @@ class EquipmentModel:
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
 
-        The distance is negative inside a box or a cylinder. For a mesh, which has no inside, it is never negative. It
-        is NaN where a point is NaN.
+        The distance is negative inside a box or a cylinder. For a mesh, which has no inside, it is never negative. The
+        distance is NaN where a point is NaN.
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)

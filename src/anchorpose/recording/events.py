@@ -1,8 +1,9 @@
-"""Read events.tsv, the list of a recording's trials with their conditions; events.json gives its columns' units.
+"""Read events.tsv, the list of a recording's trials with their conditions, and events.json, which gives the units of
+its columns.
 
-The format is that of BIDS: onset and duration in seconds, trial_type, then the user's own columns. An onset counts from
-the first frame of the first camera that measured anything, whatever this camera's clock shows, and even if tracking
-begins later. A trial is one row; trials are numbered from 1 in the order of the file.
+The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. An
+onset counts from the first frame of the first camera that measured anything, whatever this camera's clock shows, and
+even if tracking begins later. A trial is one row; trials are numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -111,15 +112,15 @@ class Trials:
         return tuple(dict.fromkeys((*named, *(trial.condition for trial in self.rows))))
 
     def column(self, name: str) -> tuple[float | str | None, ...]:
-        """Return the cells of a column, one per trial; raises ValueError if there is no such column."""
+        """Return the cells of a column, one per trial; raises ValueError for an unknown column."""
         place = [column.name for column in self.columns].index(name)
         return tuple(trial.cells[place] for trial in self.rows)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
-    """Start and end of a recording, seconds on the clock of its first camera. The last frame is taken to last for the
-    usual interval between frames.
+    """Start and end of a recording, seconds on the clock of its first camera. The end is the time of the last frame
+    plus the usual interval between frames.
     """
 
     first_s: float
@@ -146,8 +147,8 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    It refuses missing and repeated columns, texts in place of numbers, trials that have no duration, overlap or lie
-    outside the recording, and columns of numbers without a unit in the JSON file beside it.
+    The function refuses missing and repeated columns, texts in place of numbers, trials that have no duration, overlap
+    or lie outside the recording, and columns of numbers without a unit in the JSON file beside it.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []
@@ -258,7 +259,7 @@ def _require_unit(unit: str) -> str:
 
 
 class ColumnEntry(Entry, extra="ignore"):
-    """The entry of a column in events.json; BIDS has more keys, which are ignored."""
+    """The entry of a column in events.json; further keys of BIDS are ignored."""
 
     units: Annotated[str, AfterValidator(_require_unit)] | None = Field(
         default=None, alias="Units", description="a unit such as mA"
@@ -268,7 +269,7 @@ class ColumnEntry(Entry, extra="ignore"):
 
 
 def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
-    """Read the entries of the user's columns from the events' JSON file; empty if there is no such file."""
+    """Read the entries of the user's columns from the events' JSON file; empty without such a file."""
     if not is_there(path):
         return {}
     document = read_json(path, LARGEST_EVENTS)

@@ -83,7 +83,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
 
 
 def _why_dead(recording: Recording, camera: int) -> str:
-    """Return why none of ``LOOKED_AT`` depth images of a camera can be used; empty if at least one can."""
+    """Return why none of ``LOOKED_AT`` depth images of a camera can be used; empty if any image can be used."""
     count = len(recording.streams[camera].files)
     problem = ""
     for position in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
@@ -111,7 +111,7 @@ def read_frame(recording: Recording, position: int) -> FrameSet:
 
 
 def frame_range(recording: Recording, start: int = 0, stop: int | None = None) -> range:
-    """Return the positions ``start`` to ``stop`` in the first camera's stream; raises InputError if there are none."""
+    """Return the positions ``start`` to ``stop`` in the first camera's stream; raises InputError for an empty range."""
     count = len(recording.streams[0].files)
     stop = count if stop is None else min(stop, count)
     if not 0 <= start < stop:
@@ -143,8 +143,8 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
 
 
 def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStream:
-    """List the depth images of a camera's folder. fps: frame rate stated in recording.json, needed if there is no
-    timestamps.csv; most_bytes: size above which a file is not checked for being a duplicate of the previous one.
+    """List the depth images of a camera's folder. fps: frame rate stated in recording.json, needed without a
+    timestamps.csv; most_bytes: size above which a file is not compared with the previous file to find duplicates.
     """
     files = _number_files(folder / "depth")
     numbers, repeated = np.array(sorted(files), dtype=np.int64), 0
@@ -156,7 +156,7 @@ def _open_stream(folder: Path, fps: float | None, most_bytes: int) -> DepthStrea
         later = np.append(True, np.diff(time_s) > SHORTEST_STEP_S)
         repeated, numbers, time_s = int((~later).sum()), numbers[later], time_s[later]
     elif fps is not None:
-        time_s = numbers / fps  # a number that is missing in the sequence is a dropped frame
+        time_s = numbers / fps  # a frame number that is missing means a dropped frame
     else:
         raise InputError(path, "there is no such file", 'add it, or write the camera\'s "fps" into recording.json')
     kept = FolderFiles(folder / "depth", tuple(files[number] for number in numbers.tolist()))

@@ -73,7 +73,7 @@ FIRST_RECORDED: Final = 2010  # year of the first consumer depth cameras; no rec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """The patient as recording.json describes them; None where it states nothing.
+    """The patient as recording.json describes them; a field is None where recording.json states nothing.
 
     missing: parts of the body that the patient lacks; covered: segments covered by an orthosis or another device.
     """
@@ -88,15 +88,15 @@ class Subject:
 
     @property
     def unmeasured(self) -> Subject:
-        """Return the patient without the statements that images can contradict: height, age and sex."""
+        """Return the patient without the statements that depth images can contradict: height, age and sex."""
         return Subject(missing=self.missing, covered=self.covered)
 
     @property
     def grown(self) -> bool | None:
         """Return whether the patient is an adult; None if unknown.
 
-        If only the birth year is known, it decides only for people who were adults when the first depth cameras
-        appeared: the year of the recording is unknown, and results must not depend on today's date.
+        The birth year alone shows this only for people who were adults when the first depth cameras appeared: the year
+        of the recording is unknown, and results must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -152,7 +152,7 @@ class Recording:
     folder: Path
     cameras: tuple[Camera, ...]
     streams: tuple[DepthStream, ...]  # one stream per camera
-    # depth image of the empty room, one per camera: (height, width) float32 metres, 0 = no reading; None if it was not
+    # depth image of the empty room, one per camera: (height, width) float32 metres, 0 = no reading; None if not
     # recorded
     backgrounds_m: tuple[np.ndarray | None, ...]
     equipment: EquipmentModel | None
@@ -166,7 +166,7 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """Return the frame rate of the first camera, from the median interval; 30 if it has a single frame."""
+        """Return the frame rate of the first camera, from the median interval; 30 if the camera has a single frame."""
         time_s = self.streams[0].time_s
         return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 30.0
 
@@ -192,13 +192,13 @@ class FrameSet:
 
 
 def depths_of(frames: Iterable[FrameSet], camera: int) -> list[np.ndarray]:
-    """Return the depth images of one camera, without the frames that have none."""
+    """Return the depth images of one camera; frames without an image of this camera are left out."""
     return [depth for frame in frames if (depth := frame.depths_m[camera]) is not None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock:
-    """A camera's clock. At the time t of the reference clock it shows t + ahead_s + drift * (t - at_s)."""
+    """A camera's clock. At the time t of the reference clock, this clock shows t + ahead_s + drift * (t - at_s)."""
 
     ahead_s: float = 0.0
     drift: float = 0.0  # seconds per second
@@ -296,12 +296,12 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the times between frames (steps): if every third or every second frame is lost, the step at this quantile
+# quantile of the times between frames (steps). If every third or every second frame is lost, the step at this quantile
 # is several frame periods long
 LONGER_SHARE: Final = 0.6
 # maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If that step is several periods long, one
-# period is at most 0.5 of it. A share above 0.83 (25 / 30) would admit the period of 30 Hz for a recording at 25 Hz
-# without lost frames.
+# period is at most half of the step. A share above 0.83 (25 / 30) would admit the period of 30 Hz for a recording at 25
+# Hz without lost frames.
 SHORTER: Final = 0.75
 # minimum share of the steps that must be one period long; fewer may be due to single time stamps that came too early
 LEAST_SHORT: Final = 0.1
@@ -310,12 +310,12 @@ LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numb
 
 
 def nominal_period_s(stream: DepthStream) -> float:
-    """Return the time in s between frames when none is lost; 0 for a single frame without a stated rate.
+    """Return the time in s between frames if no frame is lost; 0 for a single frame without a stated rate.
 
-    It follows from the rate in recording.json, if stated. Otherwise it is the period of a usual rate, if enough steps
-    between frames are one such period and most other steps are several periods: the median step would be wrong if
-    frames are lost in a regular pattern. If no usual rate fits, it is the median step. If every second frame was lost,
-    all steps are equal, so only recording.json can distinguish such a recording from one at half the rate.
+    The period follows from the rate in recording.json, if stated. Otherwise it is the period of a usual rate, if enough
+    steps between frames are one such period and most other steps are several periods: the median step would be wrong if
+    frames are lost in a regular pattern. If no usual rate fits, the period is the median step. If every second frame
+    was lost, all steps are equal, so only recording.json can distinguish such a recording from one at half the rate.
     """
     steps = np.diff(stream.time_s)
     if stream.fps is not None or not len(steps):
@@ -345,10 +345,11 @@ class CameraGaps:
     """The gaps of one camera's stream, on the reference clock.
 
     usable: number of depth images; period_s: ``nominal_period_s``; dropped: number of images missing between the first
-    and the last, except in pauses, if the camera takes one every ``period_s``; duplicates, repeated: numbers of files
-    left out because their image or their time equals that of the previous file; late_s, early_s: by how much the stream
-    starts later, or ends earlier, than that of the first camera, 0 if by at most ``PAUSE_S``; pauses: (from, to) in s
-    without depth images; paired_share: share of the first camera's frames that have a depth image of this camera.
+    and the last, except in pauses, if the camera takes an image every ``period_s``; duplicates, repeated: numbers of
+    files left out because their image or their time equals that of the previous file; late_s, early_s: by how much the
+    stream starts later, or ends earlier, than the first camera's stream, 0 if by at most ``PAUSE_S``; pauses: (from,
+    to) in s without depth images; paired_share: share of the first camera's frames that have a depth image of this
+    camera.
     """
 
     camera: str
@@ -364,7 +365,7 @@ class CameraGaps:
 
     @property
     def sentence(self) -> str:
-        """Return a sentence on missing images; empty if none is missing."""
+        """Return a sentence on missing images; empty if no image is missing."""
         parts = []
         if self.dropped:
             parts.append(f"{self.dropped} of {self.usable + self.dropped} depth images are missing")

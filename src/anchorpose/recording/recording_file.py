@@ -1,5 +1,5 @@
-"""Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of them:
-calibration.json and a given height of the patient. Find duplicate depth images.
+"""Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of the
+recording: calibration.json and a given height of the patient. Find duplicate depth images.
 
 Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
 """
@@ -50,7 +50,7 @@ probably wrong.
 """
 
 FARTHEST_TIME_S: Final = 1e11
-"""Maximum time in s; seconds since any epoch in use are at most a fifth of it."""
+"""Maximum time in s; seconds since any epoch in use are at most a fifth of this value."""
 
 Seconds = Annotated[float, Field(ge=-FARTHEST_TIME_S, le=FARTHEST_TIME_S, description="a time in seconds")]
 
@@ -60,9 +60,9 @@ _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  
 def read_timestamps(path: Path) -> dict[int, float]:
     """Read the time in seconds of each frame number from timestamps.csv, in the order of the file.
 
-    Recorders sometimes give a frame the time of the previous frame. Such a time is returned too; the caller leaves the
-    depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many times repeat
-    that the clock is too coarse.
+    Recorders sometimes give a frame the time of the previous frame. Such a repeated time is returned, too; the caller
+    leaves the depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many
+    times repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
@@ -144,12 +144,12 @@ def _same(one: Path, other: Path, size: int) -> bool:
     try:
         return read_bounded(one, size) == read_bounded(other, size)
     except Unreadable:
-        return False  # why the file is unreadable is reported when its image is read
+        return False  # the reason why the file is unreadable is reported when its image is read
 
 
 FARTHEST_CAMERA_M: Final = FARTHEST_M
-"""Maximum absolute value in m of a coordinate of a camera or joint. These are in the room, so a larger value was
-probably written in mm.
+"""Maximum absolute value in m of a coordinate of a camera or joint. Cameras and joints are in the room, so a larger
+value was probably written in mm.
 """
 
 COARSEST_DEPTH_SCALE_M: Final = 0.1
@@ -161,7 +161,8 @@ hundred thousand, an image of 640 pixels would show only 13 cm of a surface at 2
 """
 
 FARTHEST_PRINCIPAL_PX: Final = 1e5  # maximum size of a coordinate of the principal point
-# maximum size of a lens coefficient; those of the rational model, which nearly cancel each other, reach some hundreds
+# maximum size of a lens coefficient; the coefficients of the rational model nearly cancel each other, and reach some
+# hundreds
 LARGEST_COEFFICIENT: Final = 1e4
 MOST_PIXELS: Final = 1 << 23
 """Maximum number of pixels of an image: the largest depth cameras have five million."""
@@ -170,9 +171,9 @@ LARGEST_SIDE_PX: Final = 16384  # maximum width and height of an image
 MOST_CAMERAS: Final = 16
 NARROWEST_LENS: Final = 0.01  # minimum valid radius of a lens, sqrt(x² + y²) / z of a ray: half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
-SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; nobody can be followed with fewer images
+SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; with fewer images, nobody can be tracked
 
-SAME_HEIGHT_M: Final = 0.03  # m, a larger difference of two stated heights is not explained by shoes or the time of day
+SAME_HEIGHT_M: Final = 0.03  # m; shoes or the time of day do not explain a larger difference of two stated heights
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Open files that come from users or other programs: only regular files, and only up to a maximum size.
 
-Reading a named pipe without a writer, or a device, would never end. ``read_whole`` and ``read_bounded`` read a whole
-file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library that opens
-it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in another way;
-tests/test_structure.py enforces this.
+Reading from a device, or from a named pipe without a writer, would never end. ``read_whole`` and ``read_bounded`` read
+a whole file; ``open_regular`` opens a file that is read in pieces; ``require_regular`` checks a path for a library that
+opens it; ``read_arrays`` and ``read_image`` decode files other than depth frames. No module opens an input in another
+way; tests/test_structure.py enforces this.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _REDIRECTED: Final = Lock()  # held while the error stream is redirected
 
 
 class Unreadable(Exception):
-    """The error for a file that cannot be read. Its message ends a sentence that begins with the file's name."""
+    """The error for a file that cannot be read. The message ends a sentence that begins with the file's name."""
 
 
 STAMP: Final = np.dtype([("size", np.int64), ("changed_ns", np.int64), ("inode", np.uint64)])
@@ -76,7 +76,7 @@ def list_file(path: Path) -> Stamp:
 def require_regular(path: Path, most_bytes: int | None = None) -> os.stat_result:
     """Return the status of a regular file without opening it, for libraries that open a path themselves.
 
-    Raises OSError if it does not exist, InputError if it is not a regular file or has more than ``most_bytes``.
+    Raises OSError if the path does not exist, InputError if it is not a regular file or has more than ``most_bytes``.
     """
     found = path.stat()
     if problem := _not_a_file(found.st_mode):
@@ -103,8 +103,8 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file that raises OSError instead of waiting for content that does not exist yet; reading the system's log, for
-    example, would wait.
+    """A file that raises OSError instead of waiting for content that does not exist yet. Without this class, reading
+    the system's log, for example, would wait.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -154,7 +154,7 @@ def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> by
 
 
 def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
-    """Read a regular file of at most ``most_bytes``; raises InputError with the remedy if it cannot be read."""
+    """Read a regular file of at most ``most_bytes``; raises InputError with the remedy if the file cannot be read."""
     try:
         return read_bounded(path, most_bytes)
     except Unreadable as problem:
@@ -162,7 +162,7 @@ def read_whole(path: Path, most_bytes: int, remedy: str) -> bytes:
 
 
 def reason(error: OSError | ValueError) -> str:
-    """Return the operating system's words for an OSError, or the text of a ValueError (a path with a null byte)."""
+    """Return the operating system's text for an OSError, or the text of a ValueError (a path with a null byte)."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -186,7 +186,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read those of the arrays ``names`` that an .npz file has; raises InputError if it is not an .npz file."""
+    """Read the arrays ``names``, as far as it has them, from an .npz file; raises InputError for any other file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
@@ -203,7 +203,7 @@ def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]
 
 
 def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
-    """Read the pixels of an image file with OpenCV; None if it cannot be read or is damaged."""
+    """Read the pixels of an image file with OpenCV; None if the file cannot be read or is damaged."""
     import cv2
 
     try:
@@ -218,7 +218,7 @@ def read_image(path: Path, flags: int = AS_STORED) -> np.ndarray | None:
 def _silent_decoders() -> Iterator[None]:
     """Discard the messages of libpng and libjpeg about damaged files, which OpenCV's log level does not affect.
 
-    The error stream of the whole process is redirected, so this must not be used while other threads work.
+    The error stream of the whole process is redirected, so this function must not be used while other threads work.
     """
     with _REDIRECTED, open(os.devnull, "wb") as nothing:
         kept = os.dup(_ERROR_STREAM)

@@ -21,12 +21,12 @@ ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording
 
-BEGINNING: Final = 4096  # bytes at a file's beginning that are searched for the text that marks it as an earlier output
+BEGINNING: Final = 4096  # number of a file's first bytes in which the text that marks an earlier output is searched
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:
     """Raise InputError if the path may not be written: if it is an address (URL), the root of the disk, a link, or
-    inside a recording; or if it is one of the ``inputs``, lies inside one or contains one.
+    inside a recording; or if it is one of the ``inputs``, lies inside an input or contains one.
 
     of_recording: the output is a part of a recording, so it may lie in a recording.
     """
@@ -99,7 +99,7 @@ def _make(folder: Path, path: Path) -> None:
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file to be written, which replaces ``path`` when the ``with`` block ends without an
-    error, and is removed otherwise. Errors of the disk name ``path``, not the temporary file.
+    error, and is removed otherwise. Messages about errors of the disk name ``path``, not the temporary file.
     """
     partial = path.with_name(f".{path.name}.partial-{secrets.token_hex(4)}")
     try:

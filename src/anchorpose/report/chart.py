@@ -1,7 +1,7 @@
 """Build a chart: rows (one picture each) over a common time axis, values that a slider shows, and these values as CSV.
 
-Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``). So the
-same markup serves a phone, a screen and paper, without a script.
+Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``). So one
+markup serves a phone, a screen and paper, without a script.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ about one and a half pixels wide on a page, and a third of a millimetre on paper
 """
 
 PAUSE: Final = 3.0
-"""An interval between two frames that is longer than this many median intervals is a pause; no line crosses it."""
+"""An interval between two frames that is longer than this many median intervals is a pause; no line is drawn across a
+pause.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,9 +65,7 @@ class Bins:
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Return the place of each time on the time axis: 0 is the first frame, 1 the last; 0.5 if there is only one
-        frame.
-        """
+        """Return the place of each time on the time axis: 0 is the first frame, 1 the last; 0.5 for a single frame."""
         span = self.time_s[-1] - self.time_s[0]
         return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
 
@@ -144,9 +144,9 @@ class Axis:
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
     """Make an axis whose range covers all values.
 
-    It also covers the uncertainty bands, but a wide band is cut off where the values would otherwise fill less than
-    half of the height and look flat. values, bands: (lowest, highest) pairs of arrays, NaN where unknown. least_span:
-    minimum range of the axis, so that noise is not magnified.
+    The range also covers the uncertainty bands, but a wide band is cut off where the values would otherwise fill less
+    than half of the axis's height and look flat. values, bands: (lowest, highest) pairs of arrays, NaN where unknown.
+    least_span: minimum range of the axis, so that noise is not magnified.
     """
     low, high = _extremes(values)
     if low is None or high is None:
@@ -163,7 +163,9 @@ def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
 
 
 def round_step(least: float) -> float:
-    """Return the smallest of 1, 2, 5, 10, ... (and of their tenths, hundredths) that is at least ``least``."""
+    """Return the smallest number that is at least ``least``, out of 1, 2, 5, 10, ... and their tenths, hundredths and
+    so on.
+    """
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
 
@@ -241,7 +243,7 @@ class Reading:
 
     @property
     def columns(self) -> list[tuple[str, Column]]:
-        """Return (role, column) of each column that is not None; role: the name of its field."""
+        """Return (role, column) of each column that is not None; role: the name of the column's field."""
         roles = ("text", "low", "high", "sigma", "state")
         return [(role, getattr(self, role)) for role in roles if getattr(self, role) is not None]
 
@@ -250,8 +252,8 @@ class Reading:
 class Chart:
     """Rows (one picture each) over a common time axis.
 
-    identity: id of the chart on the page and name of its CSV file; title: description for people who cannot see it;
-    caption: text above it; sources: the tables that it is drawn from.
+    identity: id of the chart on the page and name of its CSV file; title: description for people who cannot see the
+    chart; caption: text above the chart; sources: the tables that the chart is drawn from.
     """
 
     identity: str
@@ -316,5 +318,5 @@ def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int)
 
 
 def cells(values: np.ndarray, decimals: int) -> list[str]:
-    """Format numbers (b,) for a CSV; empty if NaN."""
+    """Format numbers (b,) as cells of a CSV; NaN gives an empty cell."""
     return [f"{value:.{decimals}f}" if np.isfinite(value) else "" for value in values.tolist()]

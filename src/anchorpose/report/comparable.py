@@ -1,9 +1,9 @@
 """Decide which sessions may be compared, and list the differences between them that a reader must know.
 
 Some measures grow when the recording is longer, or when the posture is known for a longer part of it: time upright, how
-often the patient stood up, the longest time upright, the path of the sway. Between sessions of different lengths a
-change of such a measure says nothing about the patient, so it is shown but not tested. Shares, means, speeds and
-percentiles do not grow.
+often the patient stood up, the longest time upright, the path of the sway. Between sessions of different lengths, a
+change of a measure that grows says nothing about the patient, so the change is shown but not tested. Shares, means,
+speeds and percentiles do not grow.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Maximum difference between two comparable spans of time, as a share of the longer span. Such a difference changes a
-measure that grows with time by about the same share, which is rarely more than the measure's errors.
+"""Maximum difference between two comparable spans of time, as a share of the longer span. A difference of this share
+changes a measure that grows with time by about the same share, which is rarely more than the measure's errors.
 """
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
-_LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the best of all tries
+_LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the patient's best attempt
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # its unit is a count, but as a mean it does not grow with time
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # its unit is a count, but a mean does not grow with time
 
 _EXTREMES: Final = (
     "_shortest",
@@ -50,7 +50,7 @@ class Span(NamedTuple):
 
 
 def grows_with_time(measure: Measure) -> bool:
-    """Return whether a measure's value would be larger (or more extreme) if the same training took twice as long."""
+    """Return whether a measure's value would be larger (or more extreme) if the training took twice as long."""
     name = measure.measure
     grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
@@ -59,8 +59,8 @@ def grows_with_time(measure: Measure) -> bool:
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
     """Return why a change of this measure between two sessions (or conditions) is not tested; None if it is tested.
 
-    first, later: all measures of the two. A measure that grows with time is not tested if the recorded times,
-    or the times with known posture, differ or are unknown.
+    first, later: all measures of either session or condition. A measure that grows with time is not tested if the
+    recorded times, or the times with known posture, differ or are unknown.
     """
     if not grows_with_time(measure):
         return None
@@ -144,7 +144,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """Return how the definitions of two sessions' measures differ; None if they are the same."""
+    """Return how the definitions of two sessions' measures differ; None if the definitions are equal."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"
@@ -162,7 +162,7 @@ def _other_definition(first: Session, later: Session) -> str | None:
 
 def _units(session: Session) -> dict[str, str]:
     """Return the unit of each measure that is not about a single body part or person. Every session has these measures;
-    the others exist only in sessions in which that part was touched or that person touched the patient.
+    all other measures exist only in sessions in which the part was touched or the person touched the patient.
     """
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 

@@ -4,7 +4,8 @@ measurement.
 A change from a to b exceeds the errors if |b - a| is larger than the smallest detectable change, 1.96 sqrt(sigma_a^2 +
 sigma_b^2) (Weir 2005, doi:10.1519/15184.1). If errors of measurement are normally distributed and independent between
 the sessions, they alone exceed this limit only 5 times in 100. The limit does not cover how a patient varies from day
-to day, so even a larger change may be such a variation. Limits from ``anchorpose reliability`` cover it.
+to day, so even a larger change may be due to this variation. Limits from ``anchorpose reliability`` cover day-to-day
+variation, too.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.records import Measure
 from anchorpose.results.uncertainty import NORMAL_95
 
-MARK: Final = '<meta name="generator" content="anchorpose report">'  # only a page with this mark is overwritten
+# an existing page is overwritten only if it contains this mark
+MARK: Final = '<meta name="generator" content="anchorpose report">'
 
 
 def write_comparison(
@@ -51,13 +53,13 @@ def write_comparison(
     reliability: Path | None = None,
     dates: Sequence[str] = (),
 ) -> Path:
-    """Write one page on two or more results folders, in the order given; all others are compared with the first.
+    """Write one page on two or more results folders, in the order given; each later folder is compared with the first.
 
     labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
-    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes are the limits where they
-    are larger than those from the sigmas. dates: one per session, as 2025-03-28, for trends; by default the labels,
-    where all of them are dates. Raises InputError if a folder is unusable or the sessions cannot be compared; it then
-    writes nothing.
+    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes are used as limits where
+    they exceed the limits computed from the sigmas. dates: one per session, such as 2025-03-28, used for trends; by
+    default the labels, if all of them are dates. Raises InputError, before a page is written, if a folder is unusable
+    or the sessions cannot be compared.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -135,7 +137,7 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     if first.value is None or later.value is None:
         return None
     difference = later.value - first.value
-    # no limit without both sigmas; 0 means that no error was measured
+    # no limit unless both sigmas are known and not 0; a sigma of 0 means that no error was measured
     limit = NORMAL_95 * math.hypot(first.sigma, later.sigma) if first.sigma and later.sigma else None
     if repeated is not None and repeated >= (limit or 0.0):
         return Change(difference, repeated, repeated=True)
@@ -168,8 +170,8 @@ def change_groups(sessions: Sequence[Session], detectable: Detectable | None = N
     """Return the measures of all sessions side by side; detectable: minimal detectable changes, as ``read_detectable``
     returns them.
 
-    Measures about one person who touched the patient are left out, since a name such as "person 2" may mean somebody
-    else in another session.
+    Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
+    person in another session.
     """
     limits = detectable or {}
     found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]

@@ -70,8 +70,9 @@ class ConditionGroup(NamedTuple):
 
 
 class ConditionSection(NamedTuple):
-    """The section's content. about: sentences on the trials; designs: sentences on how trials are compared; tested: how
-    many differences are tested; groups: one per measure; charts: curves over the trials' parameters.
+    """The content of the section on conditions. about: sentences on the trials; designs: sentences on how trials are
+    compared; tested: how many differences are tested; groups: one per measure; charts: curves over the trials'
+    parameters.
     """
 
     about: list[str]
@@ -82,8 +83,8 @@ class ConditionSection(NamedTuple):
 
 
 def with_reference(session: Session, trials: Trials, reference: str) -> Session:
-    """Return the session with ``reference`` as the condition with which all others are compared; raises InputError if
-    no trial has this condition.
+    """Return the session with ``reference`` as the condition with which all other conditions are compared; raises
+    InputError if no trial has this condition.
     """
     if reference not in trials.conditions:
         named = ", ".join(f"'{name}'" for name in trials.conditions)
@@ -135,8 +136,8 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
 
 
 def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectable: Detectable) -> list[Effect]:
-    """Return the effects on a measure. If it grows with time, the minimal detectable change of whole sessions is not
-    that of trials.
+    """Return the effects of the conditions on a measure. If the measure grows with time, the minimal detectable change
+    of whole sessions does not apply to trials.
     """
     first = rows[0]
     if not grows_with_time(first):
@@ -146,7 +147,7 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
 
 def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
     """Return, by condition, why a measure that grows with time is not tested: the trials that have a value differ in
-    duration, or the condition's mean time with known posture differs from that of the reference.
+    duration, or the condition's mean time with known posture differs from the reference condition's.
     """
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
@@ -196,7 +197,7 @@ def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | Non
 
 def _difference(effect: Effect, like: Measure) -> Markup:
     """Return the cell of a difference from the reference condition with its 95 % interval, with as many digits as the
-    interval justifies. like: a table row of the same measure, which has its name and unit.
+    interval justifies. like: a table row of the same measure, for the measure's name and unit.
     """
     if effect.difference is None:
         return Markup('<span class="unknown">not known</span>')

@@ -1,10 +1,10 @@
 """Draw curves of a quantity over time, left and right in one picture, as SVG paths with whole numbers.
 
 A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
-the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96
-sigma. Where a group of frames is drawn as one point, the line runs midway between the group's lowest
-and highest value, and a darker band reaches from one to the other. Below the picture, each curve has a row of columns,
-of half height where the curve was inferred and of full height where it is lost. No information depends on colour alone.
+the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96 sigma. Where a group of
+frames is drawn as one point, the line runs midway between the group's lowest and highest value, and a darker band
+reaches from the lowest to the highest value. Below the picture, each curve has a row of columns, of half height where
+the curve was inferred and of full height where it is lost. No information depends on colour alone.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """Return one row of small height per curve, which shows where the curve was inferred or lost; no rows where
-    everything was seen.
+    """Return one row of small height per curve, which shows where the curve was inferred or lost; return no rows if all
+    curves were seen in all frames.
     """
     rows = []
     for curve in curves:
@@ -94,7 +94,7 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
     """Return the curve's values for the slider. with_state: whether to include sigma and state. The x, y and z curves
-    of a joint's path have the same sigma and state, so only one of the three includes them.
+    of a joint's path have the same sigma and state, so only one of the three curves includes sigma and state.
     """
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)

@@ -19,7 +19,9 @@ RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSION
 
 
 def read_detectable(path: Path) -> Detectable:
-    """Read the minimal detectable changes in a table. Raises InputError if it is another table or states no change."""
+    """Read the minimal detectable changes in a table. Raises InputError if the file is another table or states no
+    change.
+    """
     lines = [line for _, line in read_rows(path)]
     head = lines[0] if lines else []
     require_distinct(path, head)

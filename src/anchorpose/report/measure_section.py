@@ -1,5 +1,5 @@
 """Write the measures of stand training as tables: value, uncertainty, and the share of frames with inferred joints; or
-why there is no value.
+the reason why a value is missing.
 
 Title and meaning of each measure are in measures.csv. docs/measures.md describes the measures at length, with
 thresholds and sources.
@@ -22,7 +22,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 
 class Words(NamedTuple):
-    """The usual name of a measure, and one sentence on what it is."""
+    """The usual name of a measure, and one sentence that explains the measure."""
 
     title: str
     meaning: str
@@ -73,7 +73,7 @@ def unit_of(unit: str) -> tuple[float, str]:
 class MeasureRow:
     """A table row: one measure, both sides of a measure, or measures that lack a value for the same reason.
 
-    why: that reason, empty if there is a value; values: one, or left and right.
+    why: the reason why values are missing, else empty; values: one value, or left and right.
     """
 
     title: str
@@ -92,8 +92,8 @@ class MeasureGroup(NamedTuple):
 
 
 class MeasureSection(NamedTuple):
-    """The section's content. whole: measures about the session or a part of the body; detail: measures about single
-    persons who touched the patient, and numbers of contacts of each part; words: what the measures mean.
+    """The content of the section on measures. whole: measures about the session or a part of the body; detail: measures
+    about single persons who touched the patient, and numbers of contacts of each part; words: what the measures mean.
     """
 
     whole: list[MeasureGroup]
@@ -125,7 +125,7 @@ def title_of(measure: Measure) -> str:
 
 
 def value_form(measure: Measure) -> Form:
-    """Return how to write a measure's value: in its unit, with as many digits as its uncertainty justifies."""
+    """Return the form in which a measure's value is written: its unit, and as many digits as its sigma justifies."""
     times, after = unit_of(measure.unit)
     reach = None if measure.sigma is None else NORMAL_95 * measure.sigma * times
     value = times * (measure.value or 0.0)
@@ -171,8 +171,8 @@ def _row(entry: Sequence[Measure]) -> MeasureRow:
 
 
 def value_and_error(measure: Measure) -> Markup:
-    """Return the text of a measure's value with 1.96 times its sigma; a sigma of 0 is left out, since no value is that
-    certain.
+    """Return the text of a measure's value with 1.96 times its sigma; a sigma of 0 is left out, since no value is
+    without error.
     """
     form = value_form(measure)
     value = figure(measure.value, form)

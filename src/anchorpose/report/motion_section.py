@@ -185,7 +185,7 @@ def on_shortest_arc(degrees: np.ndarray) -> np.ndarray:
     to 180, NaN where unknown.
 
     If a patient faces in the direction opposite to the X axis, the rotation of the pelvis may be 179 degrees in one
-    frame and -179 in the next: a difference of 2 degrees, not of 358. After the shift, the median is from -180 to 180.
+    frame and -179 in the next: the difference is 2 degrees, not 358. After the shift, the median is from -180 to 180.
     Angles that span less than half a turn stay unchanged.
     """
     known = np.sort(degrees[np.isfinite(degrees)])

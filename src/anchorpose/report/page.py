@@ -25,11 +25,13 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import RUN_FILE
 
 MOST_LINES: Final = 60
-"""Maximum number of problems listed on the page; all others are only counted there, and listed in run.json."""
+"""Maximum number of problems listed on the page; all further problems are only counted on the page, and listed in
+run.json.
+"""
 
 
-# px; the page mentions patches of pixels with a common depth error if they are at least this wide; if patches are
-# smaller, the errors of neighbouring pixels are almost independent
+# px; the page mentions patches of pixels with a common depth error if the patches are at least this wide; in smaller
+# patches, the errors of neighbouring pixels are almost independent
 ALIKE_PX: Final = 1.5
 
 
@@ -55,7 +57,7 @@ def _frames(entry: dict[str, Any]) -> str:
 
 def _stretches(dropped: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
     """Group the dropped frames into runs of neighbouring frames with the same reason. Reasons that differ only in the
-    frame number of a file name count as the same.
+    frame number of a file name count as equal.
     """
     stretches: list[list[dict[str, Any]]] = []
     for drop in sorted(dropped, key=lambda drop: (_reason(drop), drop["frame"])):
@@ -95,7 +97,7 @@ def corrections(session: Session) -> list[str]:
         f"{_signed(entry)}"
         for entry in record["joints"]
     ]
-    patient = record.get("patient")  # older results lack this entry
+    patient = record.get("patient")  # the run.json of older results lacks this entry
     named = [] if patient is None else [_named(patient)]
     return [*named, *unusable, *joints, f"These are from {record['file']}, SHA-256 {record['sha256']}."]
 
@@ -204,9 +206,10 @@ def write_report(
 
     reliability: a table of ``anchorpose reliability``; a difference between conditions below the table's minimal
     detectable change does not count as demonstrated; measures: names of the measures that are compared between
-    conditions, empty for the main measures; reference: the condition that the others are compared with, empty for that
-    of the first trial. Raises InputError if a table or run.json is missing or unusable, if no trial has the reference
-    condition, or if one of the three arguments is given but there are no trials. It then writes nothing.
+    conditions, empty for the main measures; reference: the condition with which all others are compared, empty for the
+    first trial's condition. Raises InputError if a table or run.json is missing or unusable, if no trial has the
+    reference condition, or if one of the three arguments is given for results without trials. No page is written in
+    these cases.
     """
     session = read_session(results)
     if session.trials is None and (reliability is not None or measures or reference):

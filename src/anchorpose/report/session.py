@@ -59,10 +59,10 @@ class Session:
     hashes of the inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera.
     definition: how the measures were computed, None if their file does not state it. posture_seen (n,) bool: whether
     all joints that determine posture were seen; this differs from the state codes in posture.parquet, which are about
-    all joints that determine the centre of mass. contacts: None if the folder has no table of contacts, so that touch
-    is unknown. explained: the table of how well each pose fits the depth images of its frame, None if the folder lacks
-    it. bins: how frames are grouped in all charts. trials: None if there are no trials. trial_measures: measures of all
-    trials, then of all conditions.
+    all joints that determine the centre of mass. contacts: None if the folder has no table of contacts; it is then
+    unknown whether the patient was touched. explained: the table of how well each pose fits the depth images of its
+    frame, None if the folder lacks it. bins: how frames are grouped in all charts. trials: None for results without
+    trials. trial_measures: measures of all trials, then of all conditions.
     """
 
     folder: Path
@@ -91,8 +91,8 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or has other
-    frames than the joints.
+    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or has frames
+    other than those of the table of joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:

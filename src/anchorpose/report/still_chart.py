@@ -1,7 +1,8 @@
 """Build a static chart: measured points with their errors, and lines with uncertainty bands, over any horizontal axis.
 
 As in the curves over time, the line of the left side is solid and that of the right side dashed. Points are round for
-the left side and square for the right. Colour adds no information. Every number of a chart is in the table below it.
+the left side and square for the right side. Colour adds no information. Every number of a chart is in the table below
+it.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StillChart:
-    """A static chart. identity: id of the chart on the page; title: description for people who cannot see it; caption:
-    text above it; row: the picture; ticks: (share of the width, text) along the bottom; head, rows: the numbers as a
-    table whose cells are texts.
+    """A static chart. identity: id of the chart on the page; title: description for people who cannot see the chart;
+    caption: text above the chart; row: the picture; ticks: (share of the width, text) along the bottom; head, rows: the
+    numbers as a table whose cells are texts.
     """
 
     identity: str

@@ -32,8 +32,9 @@ from anchorpose.results.records import (
 from anchorpose.results.uncertainty import NORMAL_95
 
 SELDOM_SEEN, USUALLY_SEEN = 0.5, 0.9
-"""Limits of the share of frames in which a joint is seen. Below the first, most of a joint's curve is inferred, so the
-summary names the joint. If the mean of all joints is above the second, the patient was in plain view.
+"""Limits of the share of frames in which a joint is seen. If a joint's share is below the first limit, most of its
+curve is inferred, so the summary names the joint. If the mean share of all joints is above the second limit, the
+patient was in plain view.
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
@@ -44,7 +45,7 @@ second, it states that most positions are lost.
 
 def summary(session: Session) -> list[Markup]:
     """Return paragraphs: what was recorded, what the patient did, how reliable the joints are."""
-    if session.joints.lost.all():  # then it is unknown what the patient did
+    if session.joints.lost.all():  # in this case it is unknown what the patient did
         return [_recorded(session), NEVER_FOUND]
     return [_recorded(session), Markup(" ").join([_posture(session), _touch(session)]), _quality(session)]
 
@@ -110,7 +111,9 @@ def _transitions(session: Session) -> Markup:
 
 
 def _events(session: Session) -> Markup:
-    """Return a sentence on the events that were seen; empty if none was seen, since unseen ones may have occurred."""
+    """Return a sentence on the events that were seen; empty if no event was seen, since unseen events may have
+    occurred.
+    """
     words = (
         ("knee buckle", "knee buckles", (BUCKLE_LEFT, BUCKLE_RIGHT)),
         ("failed stand", "failed stands", (FAILED_STAND,)),
@@ -175,7 +178,9 @@ def _quality(session: Session) -> Markup:
 
 
 def _verdict(session: Session) -> Markup:
-    """Return two separate verdicts: how many joint positions are lost, and how many of the others were seen."""
+    """Return two separate verdicts: how many joint positions are lost, and how many of the remaining positions were
+    seen.
+    """
     lost = float(session.joints.lost.mean())
     seen = float(seen_shares(session).mean()) / (1.0 - lost)
     sentences = [_lost_verdict(lost), _seen_verdict(seen, whole=lost <= MUCH_LOST)]
@@ -189,8 +194,8 @@ def _lost_verdict(lost: float) -> str:
 
 
 def _seen_verdict(seen: float, whole: bool) -> str:
-    """Return a verdict on the seen joints. whole: True if so few positions are lost that the others represent the whole
-    session.
+    """Return a verdict on the seen joints. whole: True if so few positions are lost that the remaining ones represent
+    the whole session.
     """
     if seen < SELDOM_SEEN:
         return "Most of what follows is inferred, not seen: do not rely on it without looking at the pictures."
@@ -241,7 +246,7 @@ class MomentSection(NamedTuple):
 
 def moment_section(session: Session) -> MomentSection | None:
     """Return the moments at which the fitted body and the depth images disagree most; None if they disagree in no
-    frame, or if the folder has no table of this.
+    frame, or if the folder has no table of their disagreement.
     """
     table = session.explained
     moments = () if table is None else worst_moments(table)

@@ -53,7 +53,7 @@ SHARES: Final = Axis(0.0, 100.0, (0.0, 100.0))
 
 
 def timeline(session: Session) -> Chart:
-    """Return the whole chart, with a heading above each kind of rows."""
+    """Return the whole chart of the session, with a heading above each kind of rows."""
     shares = [(state, _share(session, state)) for state in JointState]
     shares = [(state, share) for state, share in shares if state is JointState.OBSERVED or share.max() > 0]
     return Chart(
@@ -104,7 +104,9 @@ MOST_CONDITIONS: Final = 12
 
 
 def condition_rows(session: Session) -> list[Row]:
-    """Return a row per condition, with columns during its trials; none without trials or with too many conditions."""
+    """Return a row per condition, with columns during its trials; return no rows without trials or with too many
+    conditions.
+    """
     trials = session.trials
     if trials is None or len(trials.conditions) > MOST_CONDITIONS:
         return []
@@ -152,8 +154,9 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 
 def matched_percent(session: Session) -> np.ndarray | None:
-    """Return (n,) how many per cent of the followed surface points were matched in the next frame, NaN where none was
-    followed (``association.matched_share`` in run.json). Return None if run.json does not state this for every frame.
+    """Return (n,) the percentage of the followed surface points that were matched in the next frame, NaN where no point
+    was followed (``association.matched_share`` in run.json). Return None if run.json does not state this for every
+    frame.
     """
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
@@ -233,15 +236,15 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """Return one row with a column for each of the ``frames`` (n,) bool; no row if there are none."""
+    """Return one row with a column for each frame that is True in ``frames`` (n,) bool; no row if none is True."""
     if not frames.any():
         return []
     return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """Return a row of columns. levels: heights (b,) of columns, 0 to 1; each keyword is the CSS class of these columns,
-    with ``_`` in place of a space.
+    """Return a row of columns. levels: for each CSS class of columns, given as a keyword with ``_`` in place of a
+    space, the columns' heights (b,), 0 to 1.
     """
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
@@ -268,8 +271,9 @@ POSTURE_WORDS: Final = {UPRIGHT: "upright", NOT_UPRIGHT: "not upright", UNKNOWN:
 def posture_rows(session: Session) -> list[Row]:
     """Return the rows of posture, transitions and events.
 
-    A column of full height means upright, of half height unknown; there is none where the patient is not upright. A
-    column is dark only if the joints that determine posture were seen in all upright frames of its group, else light.
+    A column of full height means upright, a column of half height unknown posture; no column is drawn where the patient
+    is not upright. A column is dark only if the joints that determine posture were seen in all upright frames of its
+    group, else light.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (

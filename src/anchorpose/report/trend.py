@@ -1,9 +1,9 @@
-"""Compute the trend of each measure over the dates of several sessions: a straight line with its 95 % band, or why
-there is no line.
+"""Compute the trend of each measure over the dates of several sessions: a straight line with its 95 % band, or the
+reason why no line is fitted.
 
 The line is fitted by ordinary least squares over time. Each session is one observation, and sessions are assumed to
 scatter independently about the line. The scatter is never taken to be smaller than the stated errors of measurement, so
-three sessions that happen to lie on a line get no band narrower than their errors.
+the band is never narrower than these errors, even if three sessions happen to lie on a line.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def dates_in(labels: Sequence[str]) -> list[str]:
 @dataclass(frozen=True, slots=True)
 class Fit:
     """A straight line through sessions: slope per unit of x, half the width of the slope's 95 % interval, intercept,
-    and what the band is computed from: scatter (standard deviation about the line), quantile (of Student's t), middle
-    (mean of x), squares (sum of the squared deviations of x) and count of sessions.
+    and the values from which the band is computed: scatter (standard deviation about the line), quantile (of Student's
+    t), middle (mean of x), squares (sum of the squared deviations of x) and count of sessions.
     """
 
     slope: float
@@ -94,7 +94,7 @@ class Fit:
 
 def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     """Fit a line by least squares. x, y (n,): at least 3 sessions, not all at the same x. sigma (n,): standard
-    deviation of each y, NaN where none is stated; then only the sessions' scatter determines the band.
+    deviation of each y, NaN where none is stated; without sigmas, only the sessions' scatter determines the band.
     """
     count, middle = len(x), float(x.mean())
     squares = float(np.sum((x - middle) ** 2))
@@ -107,7 +107,9 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
 
 
 class TrendRow(NamedTuple):
-    """A measure: its title, meaning, slope per week, change over the whole time, and the verdict on this change."""
+    """A measure's trend: title and meaning of the measure, slope per week, change over the whole time, and the verdict
+    on this change.
+    """
 
     title: str
     meaning: str
@@ -117,7 +119,7 @@ class TrendRow(NamedTuple):
 
 
 class TrendSection(NamedTuple):
-    """All trends. why: why there is no trend at all; empty if rows and charts exist."""
+    """All trends. why: the reason why no trend is shown; empty if rows and charts exist."""
 
     why: str
     rows: list[TrendRow]
@@ -126,7 +128,7 @@ class TrendSection(NamedTuple):
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
     """Return the trends of the main measures, in the order of ``PRINTED``. dates: None if they are unknown. detectable:
-    minimal detectable changes; a smaller change over the whole time is not called a trend.
+    minimal detectable changes; a change over the whole time that is smaller is not called a trend.
     """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
@@ -150,7 +152,8 @@ def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
 
 class _Followed(NamedTuple):
     """A measure over all sessions. like: one of its table rows, which has its name and unit; x (n,): weeks since the
-    first session; value, sigma (n,): NaN where missing; why: why no line is fitted, empty if there is one.
+    first session; value, sigma (n,): NaN where missing; why: the reason why no line is fitted, empty if a line is
+    fitted.
     """
 
     like: Measure

@@ -56,8 +56,8 @@ def decimals_for(uncertainty: float | None, value: float) -> int:
     """Return the digits after the point: as many as the uncertainty justifies, or three significant digits without an
     uncertainty.
 
-    An uncertainty whose first three digits are 100 to 354 is written with two digits, any other with one (the rule of
-    the Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
+    An uncertainty whose first three digits are 100 to 354 is written with two digits, any other uncertainty with one
+    (the rule of the Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
     """
     size = uncertainty or abs(value)
     if not size or not math.isfinite(size):
@@ -87,7 +87,8 @@ def counted(count: int, one: str, many: str | None = None) -> str:
 class Form:
     """The form of a number: the factor to multiply it by, the decimals, and words before and after it.
 
-    share: whether the number is a share of a whole; one near 0 or 1 is then "under 1" or "over 99", not 0 or 100.
+    share: whether the number is a share of a whole; a share near 0 or 1 is then written as "under 1" or "over 99", not
+    as 0 or 100.
     """
 
     decimals: int = 0

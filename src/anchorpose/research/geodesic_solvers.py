@@ -40,9 +40,9 @@ class Solver(StrEnum):
 def solve_distance(
     surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf, solver: Solver = Solver.EXACT
 ) -> np.ndarray:
-    """Return (s, n) float32 metres from each source, as ``geodesic_distance``, by any solver.
+    """Return the distances (s, n) float32 in metres from each source, like ``geodesic_distance``, but by any solver.
 
-    HEAT and EXACT use only triangles and give NaN at nodes that are connected by other edges only. They raise
+    HEAT and EXACT use only triangles and give NaN at nodes that are connected by other edges only. HEAT and EXACT raise
     ValueError if the surface has links or a source has no triangle, and MissingPackage if their package is not
     installed.
     """
@@ -97,8 +97,8 @@ def _exact(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 
 def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
-    """Prepare the heat method. On a body, its mean error is below 1 cm. It does not suit whole rooms, since heat decays
-    over thousands of edges.
+    """Prepare the heat method. On a body, the heat method's mean error is below 1 cm. The method does not suit whole
+    rooms, since heat decays over thousands of edges.
 
     Source: Crane, Weischedel and Wardetzky 2013 (doi:10.1145/2516971.2516977) by potpourri3d, on its robust Laplacian.
     """
@@ -153,7 +153,7 @@ def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """Return the distance fields (s, n) float32, one per source. A patch is prepared once for all sources."""
+    """Return the distance fields (s, n) float32, one per source. Each patch is prepared only once for all sources."""
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"
@@ -172,7 +172,7 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
     """Return the distances (n,) float64 from one node.
 
-    They are inf on other pieces of the surface, and NaN on the node's own piece where no triangles lead.
+    Distances are inf on other pieces of the surface, and NaN on the node's own piece where no triangles lead.
     """
     field = np.full(len(surface), np.inf)
     field[node] = 0.0

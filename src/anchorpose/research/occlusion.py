@@ -1,7 +1,7 @@
 """Compute which geodesic distances from a node an occlusion distorts (paper, Definitions 4 and 5).
 
 The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
-nodes is distorted where it is longer on the seen surface than on the whole one. docs/occlusion.md states which of the
+nodes is distorted if it is longer on the seen surface than on the whole surface. docs/occlusion.md states which of the
 paper's two propositions hold, and where they do not.
 """
 
@@ -20,9 +20,10 @@ from anchorpose.surface.surface import Surface
 TOLERANCE_M: Final = 1e-4
 """Maximum change of a distance, in metres, that counts as undistorted with the exact solver.
 
-It covers rounding, and grid cells at the rim that are cut along one diagonal on the whole surface, and along the other
-on the seen surface. A larger tolerance would count nodes around a corner as undistorted, since a path that bends by 0.1
-rad 0.1 m before its end is only 0.5 mm longer. With fast marching, use 4 mm, its error between two meshes.
+The tolerance covers rounding, and grid cells at the rim that are cut along one diagonal on the whole surface, and along
+the other diagonal on the seen surface. A larger tolerance would count nodes around a corner as undistorted, since a
+path that bends by 0.1 rad 0.1 m before its end is only 0.5 mm longer. With fast marching, use 4 mm, its error between
+two meshes.
 """
 
 
@@ -119,8 +120,8 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
     """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
     If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
-    least one of the nodes of ``lights``. If it is false, all distances of nodes just outside an uncovered edge are
-    distorted.
+    least one of the nodes of ``lights``. If the result is false, all distances of nodes just outside an uncovered edge
+    are distorted.
     """
     if not lights:
         return False

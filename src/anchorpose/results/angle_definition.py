@@ -70,8 +70,8 @@ they were perpendicular.
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
 PLANE_KNOWN_RAD: Final = np.radians(30.0)
-"""Bending angles of an arm or leg. Below ``PLANE_UNKNOWN_RAD``, the plane in which the limb bends is mostly determined
-by noise and by the limb's sideways bow; above ``PLANE_KNOWN_RAD``, the plane is reliable.
+"""Limits of the angle by which an arm or leg is bent. Below ``PLANE_UNKNOWN_RAD``, the plane in which the limb bends is
+mostly determined by noise and by the limb's sideways bow; above ``PLANE_KNOWN_RAD``, the plane is reliable.
 """
 
 Points = Mapping[str, np.ndarray]

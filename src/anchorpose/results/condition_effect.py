@@ -1,5 +1,5 @@
 """Compare a measure between a condition of an experiment and its reference condition: difference, interval and p value,
-or why there is no test.
+or the reason why the difference is not tested.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ of trials that the events file states, or over all trials.
 class Effect:
     """The effect of a condition on a measure, compared with the reference condition.
 
-    reference, condition: their names; counts: how many trials of each were compared. difference: condition minus
-    reference; low, high: its 95 % interval, None if there are too few trials. p: p value of the permutation test,
-    adjusted for the number of conditions; exact: whether p comes from all assignments of conditions to trials, not from
-    a sample. detectable: the difference that errors of measurement alone exceed only 5 times in 100, or the MDC95
-    (minimal detectable change) of repeated sessions if this is larger; None if neither is known. repeated: whether
-    detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference is not tested; then p is
-    None.
+    reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
+    difference: condition minus reference; low, high: its 95 % interval, None if there are too few trials. p: p value of
+    the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
+    conditions to trials, not from a sample. detectable: the difference that errors of measurement alone exceed only 5
+    times in 100, or the MDC95 (minimal detectable change) of repeated sessions if this is larger; None if neither is
+    known. repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference
+    is not tested; then p is None.
     """
 
     reference: str
@@ -71,7 +71,7 @@ class Effect:
 def effects(
     rows: Sequence[Measure], trials: Trials, repeated: float | None = None, untested: Mapping[str, str] | None = None
 ) -> list[Effect]:
-    """Return the effect of every condition but the reference on one measure.
+    """Return the effect on one measure of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
     if it is known from repeated sessions. untested: by condition, why its effect on this measure is not tested.
@@ -124,7 +124,7 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
     """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the two
-    conditions' trials in the order of time, and the block of each trial.
+    conditions' trials in the order of time, and the block of each of these trials.
 
     A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """
@@ -140,7 +140,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return a sentence on how many trials there are, and how many are needed for a significant p."""
+    """Return a sentence on how many trials were recorded, and how many are needed for a significant p."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
@@ -158,8 +158,8 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: as in ``Effect``. Each is
-    None if unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: as in ``Effect``. Either
+    is None if unknown.
     """
 
     half: float | None
@@ -172,7 +172,7 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
 
     The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
     to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
-    cancel in the difference as far as they are equally large; the variance of what remains is added to that of the
+    cancel in the difference as far as they are equally large; the variance of the remainder is added to that of the
     scatter.
     """
     weights = blocks.weights
@@ -193,8 +193,8 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
 
     With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which trials of the two
     conditions may scatter differently. With several blocks, the scatter among trials of the same block and condition is
-    used if every block has each condition at least twice; else the scatter, from block to block, of the difference
-    between conditions.
+    used if every block has each condition at least twice; else the scatter of the blocks' differences between
+    conditions is used.
     """
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
     if len(cells) == 1:

@@ -17,12 +17,14 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""A contact has ended if cameras see at least this share of the skin that was touched last, and nobody touches it."""
+"""A contact has ended if cameras see at least this share of the skin that was touched last, and nobody touches this
+skin.
+"""
 
 HIDDEN_M: Final = 0.08
 """Maximum distance in m between another person's skin and the patient's skin that this person last touched, for the
-contact to continue while it is hidden. It is the length of a palm, since the cameras may see only the back or the wrist
-of the hand that holds on; a person who has let go is farther away.
+contact to continue while it is hidden. The value is the length of a palm, since the cameras may see only the back or
+the wrist of the hand that holds on; a person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
@@ -77,12 +79,12 @@ class _Touch(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """A contact that has not ended, or a touch that was so far too small to begin a contact (not ``begun``).
+    """A contact that has not ended, or (if not ``begun``) a touch that has been too small to begin a contact so far.
 
-    first, last: number and time of the frame in which it began, and of the last frame in which it continued. skin: skin
-    points touched in the last frame with a touch. frames: number of frames with a touch; area_m2, seen_frames: sums of
-    touched areas and of seen shares over them. hidden: number of frames up to ``last`` in which it continued unseen.
-    seen: whether it was seen in the last frame.
+    first, last: number and time of the frame in which the contact began, and of the last frame in which it continued.
+    skin: skin points touched in the last frame with a touch. frames: number of frames with a touch; area_m2,
+    seen_frames: sums of touched areas and of seen shares over these frames. hidden: number of frames up to ``last`` in
+    which the contact continued unseen. seen: whether the contact was seen in the last frame.
     """
 
     first: tuple[int, float]
@@ -129,8 +131,8 @@ class ContactIntervals:
     ) -> Iterator[Contact]:
         """Add one more frame; yield the contacts that ended before it.
 
-        near: None if the patient is lost. Other people are then not followed either, so they get new names afterwards.
-        gaps: None if the patient is lost or the equipment is unknown.
+        near: None if the patient is lost. Other people are not followed while the patient is lost, so they get new
+        names afterwards. gaps: None if the patient is lost or the equipment is unknown.
         """
         if near is None:
             yield from self.finish()

@@ -1,4 +1,4 @@
-"""Compare the contacts (with people and equipment) that tracking found with the true ones, by frame and body part."""
+"""Compare the contacts (with people and equipment) found by tracking with the true contacts, by frame and body part."""
 
 from __future__ import annotations
 
@@ -51,8 +51,9 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Evaluate the contacts of a contacts.parquet, with people and with equipment. Each is None if the truth does not
-    state such contacts. The second is also None if tracking did not search for contacts with equipment.
+    """Evaluate the contacts of a contacts.parquet: with people, then with equipment. Each result is None if the truth
+    does not state such contacts. The result for equipment is also None if tracking did not search for contacts with
+    equipment.
 
     rows (t,): indices of the compared frames of the truth; frame (t,): number of the result's frame matched to each.
     """
@@ -71,7 +72,7 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
     each frame of the truth.
     """
     holds = np.array([[name in bones for name in truth.names] for bones in REGION_BONES.values()])  # (regions, bones)
-    own = np.array([not name.startswith("knee") for name in REGIONS])  # knees have no bone of their own
+    own = np.array([not name.startswith("knee") for name in REGIONS])  # a knee has no bone of its own
     touched = truth.bones @ holds.T  # (t, regions) bool: whether any bone of the region is touched
     due, shared = touched & own, holds @ holds.T
     reported = reported_parts(contacts, frame)

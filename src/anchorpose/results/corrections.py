@@ -1,9 +1,9 @@
 """Define a reviewer's corrections of tracked results, and read and write their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
-Frames and times are those of the results' tables, positions are in their world frame. No entry is ever deleted: a
-correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a correction that had
-replaced an earlier one, the earlier one is valid again.
+Frames and times are those of the results' tables; positions are in the world frame of these tables. No entry is ever
+deleted: a correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a
+correction that had replaced an earlier correction, the earlier correction is valid again.
 """
 
 from __future__ import annotations
@@ -204,8 +204,8 @@ class Corrections:
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
-        """Return the corrections with one more entry. It withdraws an earlier entry about the same joint in the same
-        frame, or about who the patient is.
+        """Return the corrections with one more entry. The new entry withdraws an earlier entry about the same joint in
+        the same frame, or about who the patient is.
         """
         about = _subject(entry)
         same = [old for old in self.valid if about is not None and _subject(old) == about]
@@ -220,7 +220,7 @@ class Corrections:
         if entry not in self.valid:
             raise ValueError("this correction does not exist, or was withdrawn")
         about = _subject(entry)
-        replaced = [  # ``added`` stored the replaced entry with the author and time of the new one
+        replaced = [  # ``added`` stored the replaced entry with the author and time of the new entry
             old
             for old in self.withdrawn
             if about is not None and (_subject(old.entry), old.who, old.when) == (about, entry.who, entry.when)

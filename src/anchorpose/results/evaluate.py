@@ -32,7 +32,7 @@ FAR_M: Final = 0.10
 
 CONFIDENT_SIGMAS: Final = 4.0
 """A confident error exceeds this multiple of the joint's stated sigma along at least one axis. If the sigmas are right,
-one in 16 000 errors along an axis does.
+one in 16 000 errors along an axis exceeds this multiple.
 """
 
 PLAIN_VIEW: Final = 0.5
@@ -79,7 +79,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """Return (n, 21) bool: joints that are more than ``FAR_M`` from their true place, and along some axis by more than
     ``CONFIDENT_SIGMAS`` times their stated sigma.
 
-    truth_m (n, 21, 3) metres, NaN where unknown. A lost joint, and a joint without a known truth, is False.
+    truth_m (n, 21, 3) metres, NaN where unknown. The value is False for a lost joint, and for a joint whose truth is
+    unknown.
     """
     wrong = distance_m(joints, truth_m) > FAR_M  # False where either position is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
@@ -107,11 +108,11 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
-    """Return, per limb, the longest time in which it was in plain view and one of its joints was over ``WRONG_M`` from
-    its true place.
+    """Return, per limb, the longest time in which the limb was in plain view while one of its joints was over
+    ``WRONG_M`` from the joint's true place.
 
-    Row i of joints and row i of truth are the same frame. A lost joint does not count as wrong. The duration of a frame
-    is the usual time between two frames.
+    Row i of joints and row i of truth belong to the same frame. A lost joint does not count as wrong. The duration of a
+    frame is the usual time between two frames.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -132,15 +133,17 @@ def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, fl
 
 
 LEAST_SHARE: Final = 0.1
-"""Minimum number of frames that results and truth have in common, as a share of the frames of the shorter one. Fewer
-may match by chance, for example if times are in another unit. A truth for every thirtieth frame is accepted, since all
-of its frames match.
+"""Minimum number of frames that results and truth have in common, as a share of the frames of the shorter of the two.
+Fewer frames may match by chance, for example if times are in another unit. A truth for every thirtieth frame is
+accepted, since all of its frames match.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest unbroken time in which a joint was over ``WRONG_M`` from its true place; joint: None if none was."""
+    """The longest unbroken time in which a joint was over ``WRONG_M`` from its true place; joint: None if no joint ever
+    was.
+    """
 
     joint: str | None
     start_s: float | None
@@ -217,7 +220,7 @@ HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """The errors of some joints in some frames; fields are None if there are no such joints."""
+    """The errors of some joints in some frames; fields are None if no joints are compared."""
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
@@ -234,14 +237,14 @@ class Evaluation:
     matched_frames: int
     truth_frames: int  # number of frames of the truth after the skipped start
     results_frames: int  # number of frames of the results after the skipped start
-    missing_frames: int  # truth frames for which the result has no frame
+    missing_frames: int  # number of truth frames for which the result has no frame
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result infers: neither observed nor lost
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
-    truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None as above
+    truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None if the truth does not state it
     confident_errors: float | None  # share of overall.joint_frames with a confident error
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
@@ -251,11 +254,12 @@ class Evaluation:
     longest_off: LongestError  # longest unbroken time in which one joint was far from its true place
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error in the second half of the frames, divided by that in the first half
-    contacts: ContactEvaluation | None = None  # contacts with people; None if truth or result does not state them
+    drift_ratio: float | None  # mean error in the second half of the frames, divided by the first half's
+    # contacts with people; None if truth or result does not state such contacts
+    contacts: ContactEvaluation | None = None
     # contacts with equipment; None as for ``contacts``, and also if tracking did not search for contacts with equipment
     supports: ContactEvaluation | None = None
-    session: SessionEvaluation | None = None  # None unless the truth is of a simulated session
+    session: SessionEvaluation | None = None  # None if the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
@@ -287,8 +291,8 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""The truth's times are taken to be in another unit if the time between its frames and its duration are both smaller
-than those of the results by more than this factor. For a truth in minutes, both are 60 times smaller.
+"""The truth's times are taken to be in another unit if the truth's frame interval and duration are both smaller than
+those of the results by more than this factor. For a truth in minutes, both are 60 times smaller.
 """
 
 

@@ -15,7 +15,7 @@ from anchorpose.results.run_record import as_json
 from anchorpose.results.truth import WRONG_M
 
 MARK: Final = '"matched_frames"'
-"""Text near the beginning of every evaluation file, by which such a file is recognised."""
+"""Text near the beginning of every evaluation file, by which the file is recognised."""
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:

@@ -22,8 +22,8 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, least uncovered area that counts as bad: a hand's; clothes and grips cause up to 40
-SEEN_PAST: Final = 0.3  # least share of a part's skin, seen past, that counts as bad; correctly placed parts have less
+UNCOVERED_CM2: Final = 80.0  # cm2, least uncovered area that counts as bad (a hand); clothes and grips cause up to 40
+SEEN_PAST: Final = 0.3  # minimum share of a part's skin seen past to count as bad; correctly placed parts have less
 APART_S: Final = 0.5  # s, minimum time between two moments in run.json; closer moments show the same situation
 MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
@@ -83,7 +83,7 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return how badly each frame (n,) is explained: the uncovered area divided by ``UNCOVERED_CM2``, or the largest
     share of a part that is seen past divided by ``SEEN_PAST``, whichever is larger. At 1 or more, a limb is probably
-    not where it is reported. NaN if neither is known.
+    not where it is reported. The result is NaN if neither quantity is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
@@ -103,8 +103,8 @@ class ExplainedSummary:
     """The summary in run.json: the share of frames with an uncovered area of at least ``uncovered_limit_cm2``, and the
     worst moments.
 
-    known_frames: number of frames in which the uncovered area is known; uncovered_share: share of these frames, None if
-    there are none.
+    known_frames: number of frames in which the uncovered area is known; uncovered_share: share of these frames whose
+    uncovered area reaches the limit, None if the area is known in no frame.
     """
 
     uncovered_limit_cm2: float

@@ -107,10 +107,10 @@ def naming_place(place: Path) -> Iterator[None]:
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
     """Move the finished folder ``made`` to ``path``, and delete the files that an earlier run has written there.
 
-    own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns only an empty folder is
+    own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns, only an empty folder is
     replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError if
-    something has meanwhile appeared at ``path`` that may not be replaced; ``made`` is then moved to a folder of another
-    name.
+    a folder or file that may not be replaced has meanwhile appeared at ``path``; ``made`` is then moved to a folder of
+    another name.
     """
     target = path.resolve()
     if not own or not target.exists():
@@ -142,7 +142,7 @@ def _restore_replaced(target: Path, kind: FolderKind) -> None:
 
 
 def free_name(path: Path) -> Path:
-    """Return ``path``, or ``path`` with the first free number appended."""
+    """Return ``path`` if it is free, else ``path`` with the first free number appended."""
     names = chain([path], (path.with_name(f"{path.name}-{number}") for number in count(2)))
     return next(name for name in names if not os.path.lexists(name))
 
@@ -212,10 +212,10 @@ def unfinished_results(
 
     After an error the folder stays if the run has stored anything in it; ``resume`` then continues the run. An
     unfinished run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a
-    second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: the
-    command that resumes a stopped run, in words. Raises InputError, before anything is written, if results may not be
-    written to ``path``, if another folder is called ``.NAME.unfinished``, or if there is an unfinished run and neither
-    ``resume`` nor ``overwrite`` is given.
+    second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: text
+    that states the command with which a stopped run is resumed. Raises InputError, before anything is written, if
+    results may not be written to ``path``, if another folder is called ``.NAME.unfinished``, or if there is an
+    unfinished run and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -240,8 +240,8 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``; None if there is no such run, or it cannot be
-    read.
+    """Return the identity of the unfinished run into ``path``; None if no unfinished run exists, or its identity cannot
+    be read.
     """
     work = _work_of(path)
     try:
@@ -307,7 +307,9 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal: the overwritten run's until the new run has stored something, then the new run's."""
+    """Return the valid journal: the overwritten run's journal until the new run has stored something, then the new
+    run's journal.
+    """
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
@@ -368,8 +370,8 @@ def _remove(entry: Path) -> None:
 
 
 def clear_beside_journal(work: Path) -> None:
-    """Remove what a resumed run does not need: tables and pictures of a stopped run, which are written again, and the
-    journal of an overwritten run. Call it only after all inputs have been accepted.
+    """Remove files that a resumed run does not need: tables and pictures of a stopped run, which are written again, and
+    the journal of an overwritten run. Call it only after all inputs have been accepted.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
@@ -388,7 +390,7 @@ def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
 
 
 def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
-    """Return the journal's folder in an unfinished results folder: a new journal, or that of a run with the same
+    """Return the journal's folder in an unfinished results folder: a new journal, or the journal of a run with the same
     identity.
 
     identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises

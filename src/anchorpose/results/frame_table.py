@@ -20,8 +20,8 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Number of frames per row group of a file (for the table of joints, half a megabyte in memory). It never changes,
-since the bytes of the file depend on it.
+"""Number of frames per row group of a file (for the table of joints, half a megabyte in memory). This number never
+changes, since the bytes of the file depend on it.
 """
 
 UNKNOWN: Final = -1
@@ -33,7 +33,7 @@ class Numbers:
     """Columns of numbers that are one array (..., names) in memory, or (...) if there is a single name. NaN is null in
     the file.
 
-    least, most: the smallest and the largest number allowed.
+    least, most: smallest and largest allowed number.
     """
 
     names: tuple[str, ...]
@@ -110,9 +110,9 @@ class FrameTable(Generic[Frames]):
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
-    "joint"; None if there is one row per frame. names: the subjects in their order; None if they differ from file to
-    file, and are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the file's
-    metadata, and its key there. agree: function that tests whether numbers and texts of a table fit each other.
+    "joint"; None if there is one row per frame. names: the subjects in their order; None if the subjects differ from
+    file to file; they are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the
+    file's metadata, and its key there. agree: function that tests whether numbers and texts of a table fit each other.
     """
 
     file: str

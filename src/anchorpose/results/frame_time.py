@@ -12,7 +12,8 @@ LONGEST_STEP: Final = 1.5
 
 LONGEST_GAP_S: Final = 0.5
 """A gap between frames of at most this length in s is too short for sitting down or standing up. If the patient has the
-same posture before and after such a gap, the posture continued in it. What happened in a longer gap is unknown.
+same posture before and after a gap this short, the posture is taken to have continued in the gap. What happened in a
+longer gap is unknown.
 """
 
 
@@ -21,8 +22,8 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). They are
-    for computations that need much more memory than their results.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). The
+    slices serve computations that need much more memory than their results.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -59,8 +60,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
     """Return the seconds (n,) that each frame represents: half of the time to the previous frame plus half of the time
     to the next. Half of the usual time is used at the recording's ends and at gaps above ``longest_known_gap_s``.
 
-    All zeros for a single frame, which has no duration. The sum is ``recorded_seconds`` if each such gap counts as one
-    usual time between frames.
+    A single frame has no duration, so the result is 0. The sum is ``recorded_seconds`` if each gap above
+    ``longest_known_gap_s`` counts as one usual time between frames.
     """
     if len(time_s) < 2:
         return np.zeros(len(time_s))
@@ -72,8 +73,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
     """Return the runs of ``chosen`` frames (``unbroken_runs``), as if frames not ``known`` (n,) bool did not exist.
 
-    So a joint that is lost for a moment does not end a run. A run may contain frames that are not known, but does not
-    begin or end with one.
+    So a joint that is lost for a moment does not end a run. A run may contain unknown frames, but does not begin or end
+    with an unknown frame.
     """
     rows = np.flatnonzero(known)
     runs = unbroken_runs(chosen[rows], time_s[rows], longest_known_gap_s(time_s))
@@ -83,7 +84,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
 def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float | None = None) -> list[slice]:
     """Return runs of frames that are all ``chosen`` (n,) bool; a gap longer than longest_step_s also ends a run.
 
-    longest_step_s: ``longest_known_gap_s`` where None, so that a dropped frame does not end a run.
+    longest_step_s: if None, ``longest_known_gap_s`` is used, so that a dropped frame does not end a run.
     """
     longest_s = longest_known_gap_s(time_s) if longest_step_s is None else longest_step_s
     return runs_of(chosen, np.diff(time_s) <= longest_s)

@@ -1,8 +1,8 @@
 """Compute the body's angles from joint centres, for all frames, with state and uncertainty.
 
 The angles of the pelvis are computed in the order rotation, obliquity, tilt (Baker 2001,
-doi:10.1016/S0966-6362(00)00083-7), the reverse of the order that is used for joints. Each angle therefore agrees with
-its clinical name even if the patient has turned.
+doi:10.1016/S0966-6362(00)00083-7), the reverse of the order that is used for joints. With this order, each angle agrees
+with its clinical name even if the patient has turned.
 """
 
 from __future__ import annotations
@@ -129,9 +129,9 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     the shank points straight back from the knee, perpendicular to the line through the hip joints; positive = inwards,
     so that the foot moves outwards.
 
-    It is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. There is no value for a leg
-    that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, or for a leg that is bent backwards,
-    since the normal of its plane is reversed.
+    The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
+    value for a leg that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, or for a leg that is
+    bent backwards, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -139,7 +139,7 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: leg bent backwards, so its normal is reversed
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: leg bent backwards, normal reversed
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
@@ -148,7 +148,7 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
 
     The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
     ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips: for a straight knee,
-    noise then gives positive and negative angles with the mean zero. A clearly bent leg is bent in the plane of its
+    noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the plane of its
     hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two limits, it
     changes gradually from the first definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so
     there the angle is positive and does not need the line of the hips.
@@ -206,9 +206,9 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     = the forearm of the hanging arm points forward; positive = inwards, so that the hand moves towards the other side
     of the body.
 
-    It is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to the
-    arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used, since
-    it is undetermined for a hanging arm, the usual posture of patients. An arm that is bent by less than
+    The angle is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to
+    the arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used,
+    since it is undetermined for a hanging arm, the usual posture of patients. An arm that is bent by less than
     ``PLANE_KNOWN_RAD`` has no reliable plane, and so no value.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
@@ -239,8 +239,8 @@ deviation in rad of the angle of its sideways bow.
 
 
 def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[AngleGroup, ...]:
-    """Return the angle groups of the left side, then of the right side. Each row holds the names of angles and of
-    joints (with ``*`` for the side), and the formula.
+    """Return the angle groups of the left side, then of the right side. Each row of the argument holds the names of
+    angles and of joints (with ``*`` for the side), and the formula.
     """
     return tuple(
         AngleGroup(
@@ -300,16 +300,16 @@ def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.nda
     lever is below ``LEAST_LEVER``.
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. To find the error of
-    an angle, each coordinate of its joints is moved by its sigma in both directions. A derivative is not used: that of
-    a straight knee's angle is undefined, and would give no error. The error of the formula itself (``own_sigma``) is
-    added in quadrature.
+    an angle, each coordinate of its joints is moved by its sigma in both directions. A derivative is not used, since
+    the derivative of a straight knee's angle is undefined and would give no error. The error of the formula itself
+    (``own_sigma``) is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):
         points = {name: position_m[JOINT_INDEX[name]][:, rows] for name in group.joints}
         angle[:, rows], sigma[:, rows] = _angles_of_some(group, points, sigma_m[:, rows])
     lost = np.isnan(position_m[[JOINT_INDEX[name] for name in group.joints]]).any(axis=(0, 1))
-    angle[:, lost] = sigma[:, lost] = np.nan  # also the group's angles that do not need the lost joint
+    angle[:, lost] = sigma[:, lost] = np.nan  # even angles of the group that do not need the lost joint
     return angle, sigma
 
 
@@ -328,8 +328,8 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
     """Return 1 + 6 j variants of the group's j joints, each joint (3, 1 + 6 j, n): first all joints unchanged, then one
     coordinate of one joint moved by its sigma, down and up.
 
-    The formula is called once for all variants. For a single live frame (n = 1), one call per variant would take longer
-    than tracking.
+    The formula is called once for all variants. For a single live frame (n = 1), separate calls for all variants would
+    take longer than tracking.
     """
     count = len(group.joints)
     rows = np.repeat(np.stack([points[name] for name in group.joints])[:, :, None], 1 + 6 * count, axis=2)
@@ -354,8 +354,8 @@ ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.name
 def joint_angles(joints: JointTable) -> AngleTable:
     """Return the angles ``ANGLE_NAMES`` of all frames. The state of an angle is the worst state of the joints involved.
 
-    There is no value where one of the joints is lost (then the state is ``lost`` too), and where the pose leaves the
-    angle undetermined (then the state is that of the joints; docs/angles.md states when, for each angle).
+    An angle has no value where one of its joints is lost (its state is then ``lost``, too), or where the pose leaves it
+    undetermined (its state is then that of the joints). docs/angles.md states for each angle when it is undetermined.
     """
     shape = (len(joints.frame), len(ANGLE_NAMES))
     degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)

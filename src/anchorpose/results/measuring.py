@@ -152,7 +152,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contact, seen or inferred
+    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts to be seen or inferred
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -164,7 +164,9 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
 
 @settings
 class MeasureConfig:
-    """The thresholds in the definitions of measures (docs/measures.md). They are stored in the file of the measures."""
+    """The thresholds in the definitions of measures (docs/measures.md). The thresholds are stored in the file of the
+    measures.
+    """
 
     upright: UprightConfig = field(default_factory=UprightConfig)
     transitions: TransitionConfig = field(default_factory=TransitionConfig)
@@ -186,7 +188,7 @@ def measure_session(
     """Return the session with its posture and episodes, and every measure of docs/measures.md.
 
     contacts: contacts with people and equipment; None if unknown, which is not the same as no contact. equipment: the
-    parts that were searched for contacts; if there are none, it is unknown whether the patient held on to anything.
+    parts that were searched for contacts; without such parts, it is unknown whether the patient held on to anything.
     With trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
     body = centre_of_mass(joints)
@@ -237,7 +239,9 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Return every measure of a session or of a part of it. moves, steps, events: those of this session or part."""
+    """Return every measure of a session or of a part of it. moves, steps, events: transitions, steps and events of this
+    session or part.
+    """
     return [
         *time_measures(session, config.upright),
         *transition_measures(session, moves),
@@ -270,10 +274,10 @@ def write_measured(
 ) -> MeasureResult:
     """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
 
-    trials: the trials that replace those in the folder; None keeps them. Angles and measures always come from the
-    joints as tracked. ``processing`` affects only angles_processed.parquet, which is removed if no processing is
-    chosen. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be used,
-    AnchorposeError if the filter does not fit the frame rate.
+    trials: the trials that replace the folder's trials; None keeps the folder's trials. Angles and measures always come
+    from the joints as tracked. ``processing`` affects only angles_processed.parquet, which is removed if no processing
+    is chosen. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be
+    used, AnchorposeError if the filter does not fit the frame rate.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():

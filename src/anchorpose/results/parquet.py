@@ -100,8 +100,8 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """Return the names of the columns. pyarrow decodes them only on this access; raises UnicodeDecodeError where they
-    are damaged.
+    """Return the names of the columns. pyarrow decodes the names only on this access; raises UnicodeDecodeError where
+    they are damaged.
     """
     return list(schema.names)
 
@@ -118,7 +118,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # one at a time; else pyarrow holds several row groups in memory
+    for group in range(file.num_row_groups):  # singly, else pyarrow holds several row groups in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -183,9 +183,9 @@ class RecordTable(Generic[Row]):
     """A table with one row per record.
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: by column, the allowed texts.
-    limits: by column, the minimum and the maximum of its numbers. rows_per_group: never changed, since the bytes of the
-    file depend on it. may_be_empty: whether the program ever writes the table without rows. later: columns that files
-    of older versions lack, and the values to use instead.
+    limits: by column, the minimum and the maximum of its numbers. rows_per_group: number that never changes, since the
+    bytes of the file depend on it. may_be_empty: whether the program sometimes writes the table without rows. later:
+    columns that files of older versions lack, and the values to use instead.
     """
 
     file: str

@@ -23,14 +23,14 @@ import numpy as np
 ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""If there are at most this many assignments of conditions to trials, all are examined, which takes a fraction of a
-second. If there are more, a sample of them is examined.
+"""Up to this number of assignments of conditions to trials, all assignments are examined, which takes a fraction of a
+second. Of more assignments, a sample is examined.
 """
 
 SAMPLED: Final = 9_999
 SEED: Final = 20_240_611
-"""Seed of the sample, fixed so that the same trials give the same p. A sample has 10,000 assignments, including the
-observed one.
+"""Seed of the random sample of assignments, fixed so that equal trials give equal p values. A sample has 10,000
+assignments, including the observed one.
 """
 
 TIE: Final = 1e-9
@@ -73,8 +73,8 @@ class Blocks:
 
     @property
     def smallest_p(self) -> float:
-        """Return the smallest two-sided p that any values can give: two divided by the number of assignments if each
-        has a mirror image (the two conditions exchanged) among them, else one divided by this number.
+        """Return the smallest two-sided p that any values can give: 2 / number of assignments if the mirror image of
+        each assignment (the two conditions exchanged) is also an assignment, else 1 / number of assignments.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
@@ -142,8 +142,8 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Return the adjusted p values of several comparisons, in the order given. If all adjusted values below 0.05 are
-    called significant, one or more of them is wrong in at most 5 of 100 experiments.
+    """Return the adjusted p values of several comparisons, in the order given. If comparisons with an adjusted value
+    below 0.05 are called significant, one or more of these is wrong in at most 5 of 100 experiments.
     """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):

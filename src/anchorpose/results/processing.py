@@ -1,6 +1,6 @@
 """Smooth the joints of a recording and fill gaps, only on request. The settings (policy) are stored with the result.
 
-There are two smoothers, both of which cause no delay: the Kalman smoother of Rauch, Tung and Striebel (1965,
+Two smoothers, neither of which causes a delay, are available: the Kalman smoother of Rauch, Tung and Striebel (1965,
 doi:10.2514/3.3166), and a Butterworth filter in a forward and a backward pass.
 """
 
@@ -49,7 +49,7 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # in frame k, given frames 0 to k
+    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # of frame k, estimated from frames 0 to k
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # predicted for frame k from frame k - 1
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
@@ -85,8 +85,8 @@ def _random_walk(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of two matrices (3, 3). It is written out, since numba takes about 30 s to compile a general
-    product.
+    """Return the product of two matrices (3, 3). The product is written out, since numba takes about 30 s to compile a
+    general product.
     """
     product = np.zeros((3, 3))
     for i in range(3):
@@ -109,9 +109,9 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 _ORDER: Final = 2  # order of the filter in one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Ratio of tan(pi f / rate) at the cutoff f of both passes together to that at the cutoff of one pass. Two passes are 3
-dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human Movement, on digital
-filtering).
+"""Ratio of tan(pi f / rate) at the cutoff f of both passes together to tan(pi f / rate) at the cutoff f of one pass.
+Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human Movement,
+on digital filtering).
 """
 
 
@@ -176,14 +176,14 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""The error of filling a gap is measured in trials: in each, as many known positions as the gap lacks are removed and
-filled. This is the minimum number of trials.
+"""Minimum number of trials for measuring the error of filling a gap. In each trial, as many known positions as the gap
+lacks are removed and filled.
 """
 
 
 class Filled(NamedTuple):
-    """One joint with filled gaps: position_m (n, 3) and sigma_m (n,), and filled (n,) bool: frames that were gaps
-    before.
+    """One joint with filled gaps: position_m (n, 3) and sigma_m (n,), and filled (n,) bool: frames in which the joint
+    was lost before filling.
     """
 
     position_m: np.ndarray
@@ -194,12 +194,13 @@ class Filled(NamedTuple):
 def fill_gaps(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, fill: Filling, longest_s: float
 ) -> Filled:
-    """Fill gaps of up to longest_s in the positions position_m (n, 3) of one joint, which are NaN where it is lost.
+    """Fill gaps of up to longest_s in the positions position_m (n, 3) of one joint, which are NaN where the joint is
+    lost.
 
     A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
     the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
-    the error of filling. That error is measured by cutting a gap of the same length into every stretch in which the
-    joint is known, and filling it. The error grows towards the middle of the gap.
+    the error of filling. The error of filling is measured by cutting a gap of the same length into every stretch in
+    which the joint is known, and filling it. The error grows towards the middle of the gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -252,7 +253,7 @@ def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
     """Return the root-mean-square error (missing,) per axis of filling a trial gap of ``missing`` frames where the
-    joint is known; None if there are too few places for such gaps.
+    joint is known; None if the recording has too few places for trial gaps.
     """
     span = missing + 2 * reach
     if len(time_s) < span:
@@ -317,8 +318,8 @@ MEASURED, SMOOTHED, FILLED = range(len(PROCESSING))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessedJoints:
-    """Joints after processing. joints: smoothed and filled; a filled joint has the state ``hidden``. processing (n, 21)
-    int8: how each joint was processed (``MEASURED``, ``SMOOTHED`` or ``FILLED``).
+    """Joints after processing. joints: the joints after smoothing and filling; a filled joint has the state ``hidden``.
+    processing (n, 21) int8: how each joint was processed (``MEASURED``, ``SMOOTHED`` or ``FILLED``).
     """
 
     joints: JointTable
@@ -352,7 +353,7 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
 
 def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
     """Return the angles of the processed joints. An angle counts as filled if one of its joints was filled, else as
-    smoothed if one was smoothed.
+    smoothed if one of its joints was smoothed.
     """
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}

@@ -40,7 +40,7 @@ REMEDY: Final = "give the file that 'anchorpose view --rate' wrote, as it was"
 @dataclass(frozen=True, slots=True)
 class Rating:
     """The score of a trial. shown: place of the trial in the order of showing, from 1. score: 0 to 10; time: when the
-    score was given, in UTC. Both are None if the trial has no score yet.
+    score was given, in UTC. score and time are None if the trial has no score yet.
     """
 
     shown: int
@@ -87,7 +87,7 @@ def rated_session(run: dict[str, Any], trials: Trials) -> str:
     """Return the identity of the rated session: a hash of the recording's depth images and times, and of the times of
     its trials.
 
-    Settings of tracking and names of conditions do not affect it.
+    Settings of tracking and names of conditions do not affect the hash.
     """
     times = [f"{trial.onset_s!r} {trial.duration_s!r}\n" for trial in trials.rows]
     return hashlib.sha256("".join([recording_of_run(run).sha256, "\n", *times]).encode()).hexdigest()

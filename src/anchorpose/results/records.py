@@ -46,10 +46,11 @@ class Contact:
 
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
-    both included. seen_share: share of the person's touching skin that some camera saw in the same frame; the rest is
-    remembered from before. For equipment: share of the frames in which some camera saw the skin beside the part.
-    area_cm2: touched area of skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces,
-    where the patient's is the outer surface of skin or clothes; negative if the skin was measured inside the equipment.
+    first and last frame of the contact (both included), and their times. seen_share: share of the person's touching
+    skin that some camera saw in the same frame; the rest of this skin is remembered from earlier frames. For equipment:
+    share of the frames in which some camera saw the skin beside the part. area_cm2: touched area of skin, mean over the
+    frames. gap_mm: smallest measured distance between the two surfaces, where the patient's is the outer surface of
+    skin or clothes; negative if the skin was measured inside the equipment.
     """
 
     part: str
@@ -70,7 +71,7 @@ class Contact:
 
     @property
     def toucher(self) -> str:
-        """Return the person's name, or that of the part of the equipment."""
+        """Return the name of the person, or of the part of the equipment, that touches."""
         return self.with_ if self.person is None else self.person
 
 
@@ -117,9 +118,9 @@ def write_contacts(path: Path, equipment: Sequence[str] = ()) -> AbstractContext
 def read_equipment_names(path: Path) -> tuple[str, ...]:
     """Read the names of the equipment's parts that were searched for contacts.
 
-    The result is empty if the recording had no model of the equipment, or if the file is from a version that did not
-    search for such contacts. It is then unknown whether the patient held on to the equipment. Raises InputError if the
-    list cannot be read.
+    The result is empty if the recording had no model of the equipment, or if the file is from a program version that
+    did not search for contacts with equipment. It is then unknown whether the patient held on to the equipment. Raises
+    InputError if the list cannot be read.
     """
     text = (read_parquet_schema(path).metadata or {}).get(EQUIPMENT_KEY.encode(), b"[]")
     try:
@@ -142,7 +143,7 @@ FAILED_STAND: Final = "failed_stand"
 RECOVERY_LEFT, RECOVERY_RIGHT = "recovery_step_left", "recovery_step_right"
 
 EVENT_KINDS: Final = (BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT)
-"""Kinds of episodes that are events: something went wrong. Only these have a ``depth``."""
+"""Kinds of episodes that are events: something went wrong. Only events have a ``depth``."""
 
 EPISODE_KINDS: Final = (UPRIGHT_EPISODE, SIT_TO_STAND, STAND_TO_SIT, STEP_LEFT, STEP_RIGHT, *EVENT_KINDS)
 
@@ -152,10 +153,10 @@ class Episode:
     """An unbroken stretch of time in which the patient was upright, stood up, sat down, or swung a foot; or an event: a
     knee that buckled, a stand that failed, or a recovery step.
 
-    kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: both included. state: worst state of the
-    joints by which it was recognised, in any of its frames. side, depth, sigma, unit: only for events, else None. side:
-    "left", "right", or None for a failed stand. depth: how deep or how far the event went, in ``unit``; sigma: its
-    standard deviation.
+    kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: first and last frame of the episode
+    (both included), and their times. state: worst state, in any frame of the episode, of the joints by which the
+    episode was recognised. side, depth, sigma, unit: only for events, else None. side: "left", "right", or None for a
+    failed stand. depth: how deep or how far the event went, in ``unit``; sigma: its standard deviation.
     """
 
     kind: str
@@ -201,13 +202,13 @@ def read_episodes(path: Path) -> tuple[Episode, ...]:
 class Measure:
     """The value of one measure of docs/measures.md.
 
-    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. Both
-    are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states the
-    reason. sigma: one standard deviation of the value, None if unknown, as for counts. frames: number of frames on
+    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. part
+    and person are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states
+    the reason. sigma: one standard deviation of the value, None if unknown, as for counts. frames: number of frames on
     which the value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred
     rather than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs.
-    Both are None for the whole recording; only trial is None for a whole condition. Raises ValueError unless exactly
-    one of value and why is given, and for a trial without a condition.
+    condition and trial are None for the whole recording; only trial is None for a whole condition. Raises ValueError
+    unless exactly one of value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -273,7 +274,7 @@ DEFINITION_KEY: Final = "measure_definition"
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """The definition by which measures were computed. With another definition, a measure of the same name may be
+    """The definition by which measures were computed. Under another definition, a measure of the same name may be
     another quantity.
 
     anchorpose: the version of the program. config: the thresholds, as nested dicts of JSON values.

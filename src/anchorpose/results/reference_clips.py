@@ -50,7 +50,7 @@ def clips_of_results(folder: Path) -> ReferenceClips:
     """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
 
     A stretch ends before a frame with a lost joint, and at a gap in time. Raises InputError if the folder has no usable
-    joints or no such stretch.
+    joints or no stretch of this length.
     """
     require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)

@@ -51,8 +51,8 @@ class ReviewedRecording:
     """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
     and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are those that tracking used, so that they need not be found again; None if
-    unknown.
+    Clocks and the height of the floor are those that tracking used (None if unknown), so that they need not be found
+    again.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -101,7 +101,7 @@ def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
         for camera in run["cameras"]
     }
     clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
-    floor_m = run.get("floor_height_m")  # run.json of older versions lacks it
+    floor_m = run.get("floor_height_m")  # run.json of older versions lacks this entry
     return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
 
 

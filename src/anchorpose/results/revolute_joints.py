@@ -1,9 +1,9 @@
 """Compute axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
 
-The axis is the normal of the plane in which both bones lie. A straight limb has no such plane. The skeleton's hinge,
-fixed to the upper bone, would give an axis there too, but depth hardly shows how far a bone is rotated about its long
-axis: in the four simulated clinics used for tuning, the root-mean-square error of the knees' axes is some 7 degrees if
-the axis is taken from the hinge, and 2 if it is taken from the plane.
+The axis is the normal of the plane in which both bones lie. A straight limb does not determine this plane. The
+skeleton's hinge, fixed to the upper bone, would give an axis for a straight limb, too, but depth hardly shows how far a
+bone is rotated about its long axis. In the four simulated clinics used for tuning, the root-mean-square error of the
+knees' axes is some 7 degrees if the axis is taken from the hinge, and 2 if it is taken from the plane.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UNIT: Final = 1e-9  # maximum deviation of a unit vector's length from 1, by rou
 
 
 def _limb(name: str) -> list[int]:
-    """Return the indices of the joints above, at and below a knee or elbow."""
+    """Return the indices of the joint above a knee or elbow, of the knee or elbow itself, and of the joint below it."""
     kind, side = (name[:-4], "Left") if name.endswith("Left") else (name[:-5], "Right")
     above, below = _ENDS[kind]
     return [JOINT_INDEX[f"{joint}{side}"] for joint in (above, kind, below)]

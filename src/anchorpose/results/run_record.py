@@ -45,7 +45,7 @@ _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone from joint to joint, which has the same length in every frame. refined_m: final length minus the length
+    """A bone between two joints, which has the same length in every frame. refined_m: final length minus the length
     that was learnt from the first window of frames.
     """
 
@@ -59,9 +59,9 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the equations by which the body is fitted. It includes the effects of noise, poses and
-    hidden parts and, without a stated height, of other statures that fit the images. A bone's sigma also includes a
-    systematic error for clothes and for bodies outside the shape space.
+    height_sigma_m follows from the equations by which the body is fitted. This sigma includes the effects of noise,
+    poses and hidden parts and, without a stated height, of other statures that fit the images. A bone's sigma also
+    includes a systematic error for clothes and for bodies outside the shape space.
     """
 
     learnt_from_s: float
@@ -185,9 +185,9 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """The person taken to be the patient: their place (x, z) on the floor in metres in the initial frame. reason: why
-    they were chosen, such as "was at the given place in frame 7". rival_xz_m: place of another person who may be the
-    patient.
+    """The person who was taken to be the patient. xz_m: this person's place (x, z) on the floor in metres in the
+    initial frame. reason: why the person was chosen, such as "was at the given place in frame 7". rival_xz_m: place of
+    another person who may be the patient.
     """
 
     frame: Frame
@@ -251,9 +251,9 @@ class RunRecord:
 
 def note_lost(intervals: list[LostInterval], before: int | None, frame: int, time_s: float, why: str) -> None:
     """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
-    one. An empty ``why`` means that the patient was found, so nothing is added.
+    one. If ``why`` is empty, the patient was found and nothing is added.
 
-    before: number of the frame before; None for the first frame. Numbers may be left out between two frames.
+    before: number of the frame before; None for the first frame. Numbers may be left out between two successive frames.
     """
     if not why:
         return

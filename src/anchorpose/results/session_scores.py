@@ -55,8 +55,8 @@ class TimeScore:
     """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
     and truth are left out.
 
-    within: how many of these times differ from the truth by at most 1.96 sigma; refused: how many have a value only in
-    the result or only in the truth.
+    within: number of times that differ from the truth by at most 1.96 sigma; refused: number of times that have a value
+    only in the result or only in the truth.
     """
 
     compared: int
@@ -113,7 +113,7 @@ def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
 def score_events(session: Session, true_events: Sequence[TrueEvent]) -> tuple[tuple[str, EventScore], ...]:
     """Return the score of each kind of event that occurs in the truth within the recorded time, or in the result.
 
-    There are no scores if the frames are too far apart to find events.
+    The result is empty if the frames are too far apart to find events.
     """
     if not fast_enough(session.joints.time_s):
         return ()

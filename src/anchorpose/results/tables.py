@@ -20,8 +20,8 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Maximum sigma (m, degrees or radians). It is large, since an angle that a pose hardly determines may have a sigma of
-many turns.
+"""Maximum sigma (m, degrees or radians). The limit is large, since an angle that a pose hardly determines may have a
+sigma of many turns.
 """
 
 
@@ -31,7 +31,7 @@ class JointFrame:
 
     position_m (21, 3) float64, NaN for lost joints; sigma_m (21,) float64, one standard deviation along each axis, NaN
     for lost joints. Raises ValueError if position, sigma and state disagree: a lost joint must have neither position
-    nor sigma, any other joint must have both.
+    nor sigma, and any other joint must have both.
     """
 
     frame: int
@@ -83,7 +83,7 @@ class JointTable:
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
-    """Return (..., 21) bool: whether position and sigma are missing for lost joints, and complete for all others."""
+    """Return (..., 21) bool: whether position and sigma are missing for lost joints, and complete for other joints."""
     known = np.isfinite(joints.position_m).all(axis=-1) & np.isfinite(joints.sigma_m) & (joints.sigma_m > 0)
     blank = np.isnan(joints.position_m).all(axis=-1) & np.isnan(joints.sigma_m)
     return np.where(joints.state_code == LOST, blank, known)
@@ -178,8 +178,8 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""Ways in which an angle's joints were processed. The last one that applies to any of the joints counts; its index is
-the code in ``ProcessedAngles.processing``.
+"""Ways in which an angle's joints were processed. The last of these ways that applies to any of the joints counts; its
+index is the code in ``ProcessedAngles.processing``.
 """
 
 
@@ -248,8 +248,8 @@ class BodyPose:
     head_m (21, 3): the proximal end of each bone, about which it rotates, world. quaternion (21, 4): w, x, y, z of the
     rotation from the rest pose (X forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad
     (21,): standard deviation of each bone's rotation about its long axis relative to its parent bone, from the
-    covariance of the fitted pose; NaN where unknown. This sigma is not calibrated; for example, thighs in simulations
-    had errors of 12 degrees at a sigma of 3.
+    covariance of the fitted pose; NaN where unknown. axial_sigma_rad is not calibrated; for example, thighs in
+    simulations had errors of 12 degrees at a sigma of 3.
     """
 
     frame: int

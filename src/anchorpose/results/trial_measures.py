@@ -1,8 +1,8 @@
 """Compute the measures of each trial, by cutting a session into trials, and of each condition, by averaging trials.
 
 Posture, transitions and steps are found in the whole recording first, so that a patient who already stands when a trial
-begins counts as upright from its first frame. Then the inputs of the measures are cut to each trial, so that every
-measure can be computed per trial without further code.
+begins counts as upright from its first frame. Then the inputs of the measures (joints, posture, contacts) are cut to
+each trial, so that the functions for whole recordings also compute the measures of a trial.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MeasureRows = Callable[[Session, slice], Sequence[Measure]]
 def measures_by_trial(
     session: Session, trials: Trials, whole: Sequence[Measure], settle_s: float, measure: MeasureRows
 ) -> list[Measure]:
-    """Return the measures of every trial, in the order of the events file, then those of every condition.
+    """Return the measures of every trial, in the order of the events file, then the measures of every condition.
 
     whole: the measures of the whole recording; a person or a part without contact in a trial gets 0 s and 0 contacts
     there. settle_s: time after standing up in which the patient is not yet at rest. measure: computes the measures of a
@@ -77,8 +77,9 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
 def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
     """Cut a session to the given rows (frames).
 
-    Contacts are cut to these frames too. Episodes that reach into these frames stay whole. Episodes that ended up to
-    settle_s before them stay too, since the patient may not be at rest yet after standing up.
+    Contacts are cut to the chosen frames, too. Episodes that reach into the chosen frames stay whole. Episodes that
+    ended up to settle_s before the chosen frames are also kept, since the patient may not be at rest yet after standing
+    up.
     """
     joints = cut_rows(session.joints, rows)
     start_s, end_s = float(joints.time_s[0]), float(joints.time_s[-1])
@@ -189,7 +190,7 @@ def _mean(rows: Sequence[Measure]) -> Measure:
 
 
 def _inferred(rows: Sequence[Measure]) -> float | None:
-    """Return the inferred share over the frames of all rows; None if no row has a share."""
+    """Return the share of inferred frames over all rows; None if no row states such a share."""
     shares = [(row.inferred_share, row.frames) for row in rows if row.inferred_share is not None and row.frames]
     frames = sum(count for _, count in shares)
     return sum(share * count for share, count in shares) / frames if frames else None

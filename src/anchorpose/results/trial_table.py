@@ -94,8 +94,8 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
 
 
 def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:
-    """Return the rows of a trial among frames at time_s (n,), increasing; a frame exactly at its end belongs to the
-    next trial.
+    """Return the rows of a trial among frames at time_s (n,), increasing; a frame exactly at the trial's end belongs to
+    the next trial.
 
     Half a millisecond is allowed for the rounding of written times.
     """
@@ -114,7 +114,8 @@ class TrialInterval:
 
     table: ``episodes`` or ``contacts``; row: its row in this table, from 0. kind: the kind of the episode, or the
     touched part of the body; person: who touches, None for an episode. first_frame, last_frame and start_s, end_s:
-    beginning and end of the part in the trial, both included. seconds: the time that the part's frames represent.
+    first and last frame of the part in the trial (both included), and their times. seconds: the time that the part's
+    frames represent.
     """
 
     trial: int

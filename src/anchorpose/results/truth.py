@@ -43,7 +43,7 @@ def read_truth(path: Path) -> Truth:
     """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and
     ``seen_share`` (t, n, cameras).
 
-    Joints may come in any order and some may be missing (NaN). Raises InputError for other content.
+    Joints may come in any order and some may be missing (NaN). Raises InputError if the file has other content.
     """
     remedy = "give a truth.npz with joints (t, 21, 3), names (21) and time (t)"
     arrays = read_arrays(path, _READ, remedy)
@@ -158,11 +158,11 @@ WRONG_M: Final = 0.15
 CLEARLY_BETTER: Final = 0.7
 """The file's axes and labels are taken to be wrong if the misfit to the results under another assumption (``Sides``) is
 at most this share of the file's misfit as it is. In six simulated laboratories, the misfit under the right assumption
-was at most 0.1 times that under the wrong one.
+was at most 0.1 times the misfit under the wrong assumption.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in m below which axes and labels are accepted as they are; definitions of joint centres differ as much."""
+"""Misfit in m below which axes and labels are accepted as they are; definitions of joint centres differ by as much."""
 
 
 class Sides(NamedTuple):
@@ -220,11 +220,11 @@ percent; with feet in place of metres, the ratio is 3.3.
 
 UPRIGHT_DEG, LYING_DEG = 45.0, 60.0
 """Tilts of the trunk in degrees. Below ``UPRIGHT_DEG``, the patient of the results is upright; above ``LYING_DEG``, the
-patient of the truth lies or is upside down. If both hold, truth and results have different axes.
+patient of the truth lies or is upside down. If both conditions hold, truth and results have different axes.
 """
 
 LEAST_FORWARD_M: Final = 0.05
-"""For each leg, the distance of the toes in front of the ankle is added to that of the knee in front of the line from
+"""For each leg, two distances are added: of the toes in front of the ankle, and of the knee in front of the line from
 hip to ankle. If the sum over both legs is below this value in m, it is unknown which way is forward.
 """
 
@@ -237,9 +237,8 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
     """Raise InputError if the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
     of the same frames.
 
-    As far as possible, the truth alone is tested for properties that every correct truth has. If the patient was
-    tracked back to front or in another place, this is an error of the results, which the evaluation must measure and
-    not refuse.
+    As far as possible, the truth alone is tested for properties that every correct truth has. Tracking the patient back
+    to front or in another place is an error of the results, which the evaluation must measure and not refuse.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:

@@ -14,13 +14,13 @@ NORMAL_95: Final = 1.96
 
 ANGLE_SHARE: Final = 0.5
 """Share of the variance of an angle's error that stays the same through a recording: errors of the learnt body's
-lengths, of clothes, and of the joints' places in the body. It is the mean of the column "lasting share" of the measured
-table in docs/angles.md, rounded.
+lengths, of clothes, and of the joints' places in the body. The value is the rounded mean of the column "lasting share"
+in the measured table of docs/angles.md.
 """
 
 JOINT_SHARE: Final = 0.7
-"""The same share for joints and for what is computed from their positions. It is lower than the 0.8 that was found once
-on simulated recordings, which no table repeats.
+"""Share of the variance that stays the same through a recording, for errors of joints and of values computed from joint
+positions. The value is lower than the 0.8 that was found once on simulated recordings but that no table repeats.
 """
 
 CORRELATION_S: Final = 1.5
@@ -28,7 +28,9 @@ CORRELATION_S: Final = 1.5
 
 
 def systematic_share(unit: str) -> float:
-    """Return the systematic share of the variance of values in this unit: that of angles for ``deg``."""
+    """Return the systematic share of the variance of values in this unit: for ``deg``, the share of angles, else that
+    of joints.
+    """
     return ANGLE_SHARE if unit == "deg" else JOINT_SHARE
 
 
@@ -36,7 +38,7 @@ def sigma_of_mean(sigma: np.ndarray, seconds: float, share: float) -> float:
     """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
     ``sigma``. share: the systematic share of the variance, ``ANGLE_SHARE`` or ``JOINT_SHARE``.
 
-    Averaging does not reduce the systematic share of the variance; it reduces the random share as if every two
+    Averaging does not reduce the systematic share of the variance; the random share decreases as if every two
     correlation times gave one independent value.
     """
     averaged = min(1.0, 2.0 * CORRELATION_S / seconds) if seconds > 0 else 1.0

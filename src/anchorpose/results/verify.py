@@ -1,9 +1,9 @@
 """Check whether a results folder is unchanged since it was written, and whether it comes from the given recording.
 
-log.jsonl has one line for the command that made the folder and one for everything done with it later; lines are only
-added. Each line holds a hash of itself and of the previous line, so a line that was changed, removed or inserted is
-detected. This is not a signature: whoever changes the log can compute all hashes again. Only a copy of the last hash
-that is kept elsewhere would show such a change.
+log.jsonl has one line for the command that made the folder, and one line for everything done with the folder later;
+lines are only added. Each line holds a hash of itself and of the previous line, so a line that was changed, removed or
+inserted is detected. The hashes are not a signature: whoever changes the log can compute all of them again. Only a copy
+of the last hash, kept elsewhere, would reveal that all hashes were computed again.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ LARGEST_LOG: Final = 64 * 2**20  # bytes, maximum size of the log
 
 
 class Event(Entry):
-    """One line of the log: one command. files: SHA-256 of each file that it wrote, None for a file that it removed."""
+    """One line of the log, about one command. files: SHA-256 of each file that the command wrote, None for a file that
+    it removed.
+    """
 
     at: Utc
     what: str
@@ -64,7 +66,7 @@ class Event(Entry):
 @dataclass(frozen=True, slots=True)
 class Log:
     """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from this line and
-    the previous one.
+    the previous line.
     """
 
     events: tuple[Event, ...]
@@ -145,7 +147,7 @@ def _chained(previous: str, line: dict[str, Any]) -> str:
 MEASURED: Final = frozenset(
     {ANGLES_FILE, AXES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
 )
-"""Tables that 'anchorpose measure' writes again from the joints, or removes if there is nothing to write to them."""
+"""Tables that 'anchorpose measure' writes again from the joints, or removes if it has nothing to write to them."""
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
@@ -165,7 +167,7 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the hash of each file as it was written last; for tables that were measured again, the log has newer
+    """Return the hash of each file's last written version; for tables that were measured again, the log has newer
     hashes than run.json.
     """
     if run is None:
@@ -200,7 +202,7 @@ class Fits(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Verified:
     """The outcome of the check. results, recording: the state of each file; recording is None if none is given.
-    program: sentences on the version, code and libraries of the run that differ from the present ones. corrected:
+    program: sentences on each difference between the run's version, code and libraries and the present ones. corrected:
     sentences on each correction and its author. log: entries of the log. broken: sentences on faults of the log.
     """
 
@@ -237,7 +239,9 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
-    """Compare each file with the last log entry about it. Missing files of an export are left out: people move them."""
+    """Compare each file with the last log entry about it. Missing files of an export are left out, since people move
+    such files.
+    """
     logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
     wanted = _last_written(written, log)
     outputs = _compare(wanted, _hashes(results, wanted))

@@ -1,7 +1,7 @@
 """Build equipment: a standing frame, parallel bars, a chest pad, a walker, a wheelchair, a sling or a stool.
 
-All equipment stands still. It is fitted around the sweep, which is the space through which the patient's skin moves in
-the recording. So the trunk does not pass through the equipment.
+All equipment stands still. Equipment is fitted around the sweep, which is the space through which the patient's skin
+moves in the recording. So the trunk does not pass through the equipment.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Sweep:
     pelvis_m: np.ndarray  # (k, 3)
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
-        """Return all skin points (n, 3), of all moments, between two heights and within ``aside_m`` of the plane z = 0.
+        """Return the skin points (n, 3) of all moments that lie between two heights and within ``aside_m`` of the plane
+        z = 0.
 
         arms: whether points of the arms are included.
         """
@@ -67,7 +68,7 @@ class HeldEquipment:
 def fit_standing_frame(
     rng: np.random.Generator, pelvis_m: float, knee_m: float, front_m: float, half_width_m: float
 ) -> HeldEquipment:
-    """Build a standing frame: posts, rails, floor runners, and one bar each in front of belly and knees.
+    """Build a standing frame: posts, rails, floor runners, a bar in front of the belly and a bar in front of the knees.
 
     pelvis_m, knee_m: heights of pelvis and knees. front_m: x of the foremost skin of belly and knees. half_width_m:
     distance of the rails from the plane z = 0 that leaves space for the arms.
@@ -94,7 +95,7 @@ def fit_standing_frame(
 
 
 def fit_parallel_bars(rng: np.random.Generator, pelvis_m: float, half_width_m: float) -> HeldEquipment:
-    """Build two rails on four posts around a patient at the origin. Their front half mirrors their back half."""
+    """Build two rails on four posts around a patient at the origin. The bars' front half mirrors their back half."""
     rail_m = pelvis_m + rng.uniform(-0.06, 0.04)
     half_m = max(half_width_m, 0.32) + rng.uniform(0.0, 0.05)
     tube_m, length_m = rng.uniform(0.035, 0.045), rng.uniform(1.6, 2.2)
@@ -234,7 +235,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # no harness: it would have to move with the trunk, but all equipment stands still
+        return tuple(parts)  # no harness is built: it would have to move with the trunk, but all equipment stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

@@ -57,7 +57,9 @@ class Scales:
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all body segments. They are independent, except that left and right are nearly equal."""
+    """Draw the scales of all body segments. Scales are independent, except that those of left and right segments are
+    nearly equal.
+    """
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
         return Scales(length, girth)

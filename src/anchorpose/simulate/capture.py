@@ -15,7 +15,7 @@ from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
 OVERLAP_S: Final = 0.4  # s, time over which the end of one repetition is blended into the start of the next
-STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less, the axis of its bend comes partly from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
@@ -37,7 +37,7 @@ class Capture:
     ankle_m: np.ndarray  # (n, 2, 3)
     toes: np.ndarray  # (n, 2, 3) direction of the foot
     leg_m: float  # length of the subject's leg
-    seated: bool  # whether the subject sits down on a seat or gets up from one
+    seated: bool  # whether the subject sits down on a seat or gets up from a seat
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
@@ -123,15 +123,16 @@ def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _bending_axis(arm: np.ndarray) -> np.ndarray:
     """Return the axis (n, 3) about which a positive rotation bends the elbow.
 
-    arm (n, 2, 3): directions of upper arm and forearm. A straight elbow has no such axis: the axis of earlier
-    frames is then kept, and made perpendicular to the upper arm.
+    arm (n, 2, 3): directions of upper arm and forearm. A straight elbow does not determine the axis: the axis of
+    earlier frames is then kept, and made perpendicular to the upper arm.
     """
     measured = np.cross(arm[:, 0], arm[:, 1])
     sine = np.linalg.norm(measured, axis=1)
     trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
     axes = np.zeros((len(arm), 3))
     axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
-    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):  # backward first, to give the first frames an axis
+    # frames are visited backward first, to give the first frames an axis
+    for times in (range(len(arm) - 1, -1, -1), range(len(arm))):
         for t in times:
             carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])
             gain = trust[t] * (1.0 if trust[t] >= 1.0 else 1.0 / (PLANE_MEMORY_S * CLIP_HZ))

@@ -20,19 +20,21 @@ from anchorpose.simulate.timeline import ease
 MARGIN_S: Final = 3.0  # s of movement before and after the recording, for cameras with wrong clocks
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
 GIVES_M: Final = 0.01  # m; an arm may be inside the body by at most this depth, since soft tissue gives way
-HANGING_RAD: Final = 1.0  # rad; an upper arm raised by less than this is abducted by the whole angle
+HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less than this is abducted by the full angle
 RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
 DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
 DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
 # minimum cosine, for a point inside the body, between the direction to the nearest skin and the normal of that skin
 UNDER_SKIN: Final = 0.7
-FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")  # bones with one of these in the name stay outside the body
+# bones whose name contains one of these must stay outside the body
+FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")
 ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # names of arm bones contain one of these; the body is all other bones
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """Draw the configuration's movement. It begins at a random phase, so the recording may begin in the middle of it.
+    """Draw the configuration's movement. The movement begins at a random phase, so the recording may begin in the
+    middle of it.
 
     If the arms cannot be kept out of the body, the movement is drawn again, up to ``DRAWS`` times in all.
     """
@@ -49,7 +51,8 @@ def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Pe
 
 
 def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor, bool]:
-    """Abduct the arms by the smallest angle at which no forearm is inside trunk or legs; return the movement and True.
+    """Abduct the arms by the smallest angle at which no forearm is inside trunk or legs; return the changed movement
+    and True.
 
     If none of ``ANGLES_RAD`` is enough, use the last angle and return False. seconds: duration that is tested, from
     time 0.

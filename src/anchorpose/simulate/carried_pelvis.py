@@ -1,4 +1,6 @@
-"""Compute the pelvis's height from given bends of the knees, and its tilt to one side if they bend unequally."""
+"""Compute the pelvis's height from given bends of the knees, and the pelvis's tilt to one side if the knees bend
+unequally.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ LEAST_LOAD: Final = 1e-3  # share of the load that a foot in the air has; not 0,
 ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
-"""Minimum height (m) of a hip above its ankle. It is used for a leg that does not reach the foot."""
+"""Minimum height (m) of a hip above its ankle. This minimum is used for a leg that does not reach the foot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +23,7 @@ class KneeBend:
     """The bend of both knees, and how the legs carry the pelvis."""
 
     flexion: np.ndarray  # (t, 2) rad, 0 = straight
-    carry: np.ndarray  # (t,) 1 = the legs determine the height of the pelvis; 0 = the posture does
+    carry: np.ndarray  # (t,) 1 = the legs determine the height of the pelvis; 0 = the posture determines it
     load: np.ndarray  # (t, 2) share of the load on each foot, above 0
 
 
@@ -45,11 +47,11 @@ class Legs:
 def carried_pelvis(
     bend: KneeBend, legs: Legs, ankles_m: np.ndarray, pelvis_m: np.ndarray, pelvis_turn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine its height, and the posture its
-    x and z.
+    """Return position (t, 3) and rotation (t, 3, 3) of the pelvis. The legs determine the pelvis's height; the posture
+    determines its x and z.
 
-    The pelvis tilts to one side if one leg carries its hip higher than the other, and less if a foot is in the air.
-    ankles_m (t, 2, 3): ankles. pelvis_m, pelvis_turn: position and rotation of the pelvis in the posture.
+    The pelvis tilts to one side if one leg carries its hip higher than the other leg does; it tilts less if a foot is
+    in the air. ankles_m (t, 2, 3): ankles. pelvis_m, pelvis_turn: position and rotation of the pelvis in the posture.
     """
     first, second = legs.lengths_m.T
     reach_m = np.sqrt(first**2 + second**2 + 2.0 * first * second * np.cos(np.maximum(bend.flexion, 0.0)))

@@ -24,6 +24,6 @@ When = Literal["off", "on", "both", "none"]
 """Selection of a session's trials: off = without stimulation, on = with stimulation, both = all, none = no trial."""
 Build = Literal["ordinary", "varied", "wasted-legs", "heavy", "child"]
 """Kind of the patient's body. ordinary: drawn from the body asset's shape space. varied: the size of every segment is
-drawn separately. The others are varied too: wasted-legs has thin legs and strong arms, as after years of paralysis;
-heavy has a belly and thicker limbs; child is 1.0 to 1.5 m tall."""
+drawn separately. All other kinds are varied, too: wasted-legs has thin legs and strong arms, as after years of
+paralysis; heavy has a belly and thicker limbs; child is 1.0 to 1.5 m tall."""
 BraceName = Literal["left shank", "right shank", "left thigh", "right thigh", "trunk"]

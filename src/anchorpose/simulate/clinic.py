@@ -75,7 +75,7 @@ class Clinic:
     def true_times_s(self, camera: int) -> np.ndarray:
         """Return the true times (t,), s, at which a camera takes its images.
 
-        The images' time stamps differ from these times: they are the epoch of the camera's clock + frame / fps.
+        The images' time stamps differ from these times: a stamp is the epoch of the camera's clock + frame / fps.
         """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
@@ -135,9 +135,10 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """Return the random generator for one purpose, ``name`` in ``STREAMS``, and for the keys, such as a camera's index.
+    """Return the random generator for one purpose (``name``, one of ``STREAMS``) and for the given keys, such as a
+    camera's index.
 
-    Each purpose has a generator of its own, so a change of one part of the simulation does not change the others.
+    Each purpose has a generator of its own, so a change of one part of the simulation does not change the other parts.
     """
     return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(STREAMS.index(name), *keys)))
 

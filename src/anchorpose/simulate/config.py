@@ -40,7 +40,7 @@ NAMED_ONLY: Final = ("buckle",)
 
 BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
-"""Motions for which a standing frame with a knee bar leaves no room."""
+"""Motions for which a standing frame with a knee bar leaves no space."""
 
 SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, limits of ``hole_radius_m``, as in the paper that README.md cites
 ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams that are not in ``clinic.STREAMS``
@@ -77,7 +77,8 @@ class SimulationConfig:
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m along X and Z by which the equipment is pushed
     stool: bool = True  # whether a patient who sits has a stool
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
-    therapist_tasks: tuple[TaskName, ...] = ()  # tasks of the first therapists; the tasks of the others are drawn
+    # tasks of the first therapists; the tasks of all further therapists are drawn
+    therapist_tasks: tuple[TaskName, ...] = ()
     therapists_stay: bool = False  # True: therapists are present from the first to the last frame
     # number of people who walk through the room, between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
@@ -95,7 +96,8 @@ class SimulationConfig:
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    clock_late_s: tuple[float, ...] = ()  # s, for each camera: how much later an image is taken than its stamp says
+    # s, for each camera: how much later an image is taken than its time stamp states
+    clock_late_s: tuple[float, ...] = ()
     clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which ``clock_late_s`` grows
     clock_epoch_s: tuple[float, ...] = ()  # s, for each camera: time stamp at the start of the recording
     stamp_jitter_s: NotNegative = 0.0  # s, standard deviation of the error of every stamp
@@ -197,7 +199,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
     """Return ``config`` with a patient who is hard to track: away at first or later, behind a curtain, or seated.
 
     A patient who walks or sits has no standing frame. Raises ValueError if other equipment keeps the patient from
-    walking, or if the movement is a captured one.
+    walking, or if the configuration has a captured movement.
     """
     seconds = config.seconds
     equipment: Equipment = "none" if config.equipment == "standing-frame" else config.equipment
@@ -286,8 +288,8 @@ def rehabilitation(
     """Return ``config`` with a captured movement, which has already begun when the recording begins. movement: None =
     drawn by the seed.
 
-    In parallel bars, the patient has a chest pad and straps, a therapist behind, and one in front who holds the knees.
-    If the movement contains steps or a raised leg, there are no pad and no straps, and only the therapist behind.
+    In parallel bars, the patient has a chest pad and straps, a therapist behind, and a therapist in front who holds the
+    knees. For a movement with steps or a raised leg, pad, straps and the therapist in front are left out.
     """
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(MOVEMENT_KEY,)))
     roomy = equipment in ("none", "sling", "parallel-bars")

@@ -136,7 +136,7 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
     center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    # skin of other bones does not count: the heels may be under the seat, and would lower the seat
+    # only skin of these bones counts: the heels may be under the seat, and would lower the seat
     above &= np.isin(np.array(person.body.asset.bone_names)[person.body.asset.main_bone()], SEAT_BONES)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 

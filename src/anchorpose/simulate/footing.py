@@ -16,10 +16,11 @@ from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m; a captured ankle that rises by less than this counts as standing: the rise is noise
-CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` is set to 0, and one of this much above ``WAVER_M`` is kept in full
-HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15  # m; if an ankle rises and travels by less than these, only its heel rises
+CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` is set to 0; a rise this far above ``WAVER_M`` is kept in full
+# m; if an ankle rises and travels by less than these distances, only the heel has left the floor
+HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
-SHORTEST_STAND_S: Final = 0.25  # s; a foot that stays in one place for less time than this does not count as standing
+SHORTEST_STAND_S: Final = 0.25  # s, minimum time for which a standing foot stays in one place
 SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
 EASE_S: Final = 0.15  # s, duration of the transitions between standing and stepping
 YAW_LIMIT: Final = 0.5  # rad, maximum angle of a standing foot from straight ahead, to the left or right
@@ -59,7 +60,7 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
     on the floor.
     """
     floor = np.percentile(height_m, 10.0, axis=0)
-    # a foot that is in the air in all rows does not show the height of the floor: then the other foot does
+    # a foot that is in the air in all rows does not show the floor's height, so the other foot's is used
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
@@ -80,7 +81,7 @@ def _spans(chosen: np.ndarray) -> Spans:
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
     """Return the spans of rows in which a foot stands. Spans at one place are merged if the foot stays down in between.
 
-    ankle_m (n, 3), lift_m (n,): one foot.
+    ankle_m (n, 3), lift_m (n,): ankle and height of one foot.
     """
     course = gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0)
     speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ
@@ -129,7 +130,7 @@ def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
 
 
 def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return the minimum height (n, 2), metres, of each foot during a step. It grows with the foot's speed."""
+    """Return the minimum height (n, 2), metres, of each foot during a step. This height grows with the foot's speed."""
     speed = np.linalg.norm(np.gradient(place_m[..., [0, 2]], axis=0), axis=2) * CLIP_HZ
     speed = gaussian_filter1d(speed, 2.0, axis=0)
     return np.asarray((1.0 - stands) * 0.5 * STEP_HEIGHT_M * np.clip(speed / MOVING_M_S, 0.0, 1.0))

@@ -85,7 +85,9 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """Return the vertex that is far from a joint along ``wanted``, but near the line from the joint that way."""
+    """Return the vertex that is far from a joint in the direction ``wanted``, but near the line from the joint in this
+    direction.
+    """
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
     patterns = next(bones for key, bones in HOLD_BONES.items() if name.startswith(key))

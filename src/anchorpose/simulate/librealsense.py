@@ -18,10 +18,10 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one pixel of the image
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
-SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the filter's result so far has the remaining weight
+SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the rest
 JOINED_PX: Final = 25.0  # pixels; greater steps of disparity, only found at objects within 1.1 m, are not smoothed
 PASSES: Final = 2  # number of passes of the spatial filter
-FILLED_PX: Final = 16  # pixels; this far into a gap, the filter fills in the last value before the gap
+FILLED_PX: Final = 16  # pixels; up to this far into a gap, the filter fills in the last value before the gap
 STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
 TEMPORAL: Final = 0.4  # weight of the newest frame; the blend of earlier frames has the remaining weight
 STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time

@@ -169,7 +169,7 @@ def buckle(rng: np.random.Generator, start_s: float) -> Movement:
 
 
 def draw_pace(rng: np.random.Generator, speed: str) -> float:
-    """Return a factor on durations: the one of ``speed`` in ``PACE``, or a random one for the speed ``mixed``."""
+    """Return a factor on durations: the factor of ``speed`` in ``PACE``, or a random factor for the speed ``mixed``."""
     return PACE[str(rng.choice(list(PACE)))] if speed == "mixed" else PACE[speed]
 
 

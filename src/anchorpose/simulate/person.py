@@ -1,4 +1,4 @@
-"""Draw one simulated person: a body that is not exactly in the tracker's shape space, in clothes that fold."""
+"""Draw one simulated person: a body that the tracker's shape space does not exactly contain, in clothes that fold."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by that in the shape space
+COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by the shape space's
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
 MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
-# standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in those of folds.
-# Learnt with a prior of 20 mm, offsets of skin patches were 5 mm (root mean square) in a simulated recording without
-# such gaps, 14 mm in two with them and 17 mm in twelve real ones, which include coarser sensors and other bodies.
+# standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in wavelengths of
+# folds. Learnt with a prior of 20 mm, offsets of skin patches were 5 mm (root mean square) in a simulated recording
+# without such gaps, 14 mm in two simulated recordings with gaps, and 17 mm in twelve real recordings, which include
+# coarser sensors and other bodies.
 GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
@@ -50,7 +51,7 @@ class Clothes:
     """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
     cover: np.ndarray  # (v,) factor on the height of the clothes above each vertex; 0 = bare
-    gap: np.ndarray  # (v,) factor on their mean height; folds are as high in wide clothes as in ordinary ones
+    gap: np.ndarray  # (v,) factor on the clothes' mean height; folds are equally high in wide and ordinary clothes
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
     phase: np.ndarray  # (k,) rad
     drift: np.ndarray  # (k,) rad/s, change of phase with time
@@ -277,7 +278,7 @@ class _Folds(NamedTuple):
 
 @nb.njit(cache=True)
 def _dress_and_skin(rest: _RestSkin, folds: _Folds, transforms: np.ndarray, bend: np.ndarray, skin: np.ndarray) -> None:
-    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,): as ``bends`` returns it."""
+    """Fill ``skin`` (v, 3) with the dressed skin moved by transforms (b, 3, 4); bend (b,): the result of ``bends``."""
     blend = np.empty((3, 4), dtype=np.float32)
     for v in range(len(rest.vertices)):
         blend[:] = 0.0
@@ -309,6 +310,6 @@ def _height_m(folds: _Folds, place: np.ndarray, cover: np.float32, gap: np.float
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # tight clothes have lower folds: then nearly all cloth lies above the skin
+    # tight clothes get lower folds, so that nearly all cloth lies above the skin
     fold = np.float32(FOLD_HEIGHT) * min(gap, np.float32(1.0)) * scale * wave
     return float(folds.amplitude_m * cover * (np.float32(MEAN_HEIGHT) * gap + fold))

@@ -19,13 +19,13 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
 FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb defines no plane
-STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; at this reach, it is 0.2 degrees
-HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height in which a straightening leg gradually limits it
+STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; the bend is then 0.2 degrees
+HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height in which a straightening leg gradually limits the height
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # share of the trunk's bend that each bone takes
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # share of the head's bend that each bone takes
 CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
-# m, the length of an upper arm. The elbow of an arm that holds something bends towards a point that is this far behind
-# the elbow of an arm that holds nothing, since elbows are behind hands that hold rails beside the hips
+# m, the length of an upper arm. If an arm holds something, its elbow bends towards a point this far behind the place
+# that the elbow would have otherwise, since elbows are behind hands that hold rails beside the hips
 ELBOW_BEHIND_M = 0.3
 
 
@@ -44,7 +44,8 @@ class Captured:
 class Posture:
     """A posture over time. First axis of all arrays: time (t). Second axis of arrays (t, 2, ...): left, right."""
 
-    pelvis_m: np.ndarray  # (t, 3) intended position of the pelvis; it is lower where straight legs do not reach so high
+    # (t, 3) intended position of the pelvis; the pelvis is lower where straight legs do not reach this position
+    pelvis_m: np.ndarray
     pelvis_turn: np.ndarray  # (t, 3, 3) rotation of the pelvis from rest
     trunk: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
     head: np.ndarray  # (t, 3) rad, bend forward, bend to the right, turn to the left
@@ -60,7 +61,7 @@ class Posture:
     hand_m: np.ndarray  # (t, 2, 3) place to which the wrist is pulled; unused if ``pull`` is 0
     hand_turn: np.ndarray  # (t, 2, 3, 3) rotation of the hand bone from rest; unused if ``pull`` is 0
     pull: np.ndarray  # (t, 2) from 0 (the arm follows its angles) to 1 (the hand is at its target)
-    captured: Captured | None = None  # parts of a captured movement that replace some angles; None without one
+    captured: Captured | None = None  # parts of a captured movement that replace some angles; None = none are replaced
     knees: KneeBend | None = None  # given bend of the knees, which sets the pelvis's height; None = not given
 
 

@@ -22,8 +22,8 @@ class Reader:
     wiggle_m: np.ndarray  # (height, width) m, systematic error of the sensor
     spoil: Spoil | None = None  # losses of readings in a cluttered room; None = none
     shiny: np.ndarray | None = None  # (height, width) bool, pixels of bare metal
-    # depth images before smoothing, by frame number; they are kept only to save time: each could be computed again with
-    # the same result
+    # depth images before smoothing, by frame number; they are kept only to save time: computing an image again would
+    # give the same result
     recent: dict[int, np.ndarray] = field(default_factory=dict)
 
     def raw_mm(self, rng: np.random.Generator, image: TrueImage) -> np.ndarray:

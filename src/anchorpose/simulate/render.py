@@ -95,8 +95,8 @@ def first_hits(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each ray the first triangle that it hits, the distance (unit: the direction's length) and the normal.
 
-    The triangle is an index, -1 = none; the normal (n, 3) is that of the triangle, not of unit length, 0 = none.
-    origins_m, directions (n, 3), triangles (m, 3, 3): float32 world metres.
+    The triangle is an index, -1 = none; the normal (n, 3) is the triangle's, not of unit length, 0 = none. origins_m,
+    directions (n, 3), triangles (m, 3, 3): float32 world metres.
     """
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
@@ -123,7 +123,7 @@ def _draw(
 
 @nb.njit(cache=True)
 def _draw_face(points: np.ndarray, face: np.ndarray, part: int, label: int, lens: Lens, image: TrueImage) -> None:
-    """Draw one triangle into the pixels whose centre it covers, if it is nearer than their present depth."""
+    """Draw one triangle into the pixels whose centre it covers, where it is nearer than the pixel's present depth."""
     height, width = image.depth_m.shape
     i, j, k = face
     z0, z1, z2 = points[i, 2], points[j, 2], points[k, 2]

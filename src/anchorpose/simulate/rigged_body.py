@@ -30,8 +30,8 @@ ENDS: Final = {
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """Read a body and turn it to the asset's rest pose, so that every movement fits. The joints are the bones' near
-    ends.
+    """Read a body and turn its limbs to the asset's rest pose, so that every movement fits the body. The joints are the
+    bones' near ends.
 
     The file's axes are X forward, Y up and Z to the body's right, in metres. Raises InputError if the file contains no
     such body.

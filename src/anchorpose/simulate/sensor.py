@@ -21,9 +21,9 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # factor on the axial noise that was measured on white targets. It is 2, since clothes, skin and floors return a
-    # quarter of the light that a white target returns, and a time-of-flight camera's noise is proportional to the
-    # inverse square root of the returned light
+    # factor on the axial noise that was measured on white targets. The factor is 2, since clothes, skin and floors
+    # return a quarter of the light that a white target returns, and a time-of-flight camera's noise is proportional to
+    # the inverse square root of the returned light
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
@@ -58,7 +58,7 @@ SENSORS = {
         disparity_noise_px=0.03,
         disparity_steps=16.0,
     ),
-    # a D415 with librealsense's filters; the noise stated here is that before the filters
+    # a D415 with librealsense's filters; the stated noise is the noise before the filters
     "realsense-filtered": SensorSpec(
         kind="stereo",
         width=424,
@@ -71,7 +71,8 @@ SENSORS = {
         filtered=True,
     ),
     # mode WFOV 2x2 binned, 120 x 120 degrees (117 with this lens), 0.25 to 2.88 m (Microsoft's hardware specification).
-    # At 2.88 m it has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6 times that of azure-kinect
+    # At 2.88 m, this mode has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6 times that of
+    # azure-kinect
     "azure-kinect-wfov": SensorSpec(
         kind="time-of-flight",
         width=512,
@@ -124,7 +125,7 @@ SENSORS = {
     # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). The remaining
     # error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169; the gain is
     # chosen for this value), and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9;
-    # cited without having been read). The focal length is that of ARKitScenes
+    # cited without having been read). The focal length is taken from ARKitScenes
     "iphone-lidar": SensorSpec(
         kind="time-of-flight",
         width=256,
@@ -144,18 +145,19 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
     "brown-conrady": (LensModel.BROWN_CONRADY, (0.09, -0.27, 0.001, -0.0005, 0.09), None),
     # coefficients of the same order as those of an Azure Kinect's depth camera, and the valid radius of that camera
     "rational": (LensModel.RATIONAL, (0.44, 0.013, -2.4e-5, -6.4e-5, -0.002, 0.77, 0.089, -0.005), 1.74),
-    # a lens that draws the image's border a tenth nearer to the centre than a pinhole camera does
+    # a lens in whose image the border is a tenth nearer to the centre than in a pinhole camera's image
     "kannala-brandt": (LensModel.KANNALA_BRANDT, (-0.02, 0.003, -0.001, 0.0002), None),
 }
 """Model, coefficients and valid radius of each imitated lens."""
 
-EDGE_STEP_M = 0.03  # m; a pixel is at an edge if depths around it differ by this much more than the slope explains
+# m; a pixel is at an edge if the depths around it differ by this much more than the surface's slope explains
+EDGE_STEP_M = 0.03
 SLOPE_ALLOWANCE = 4.0  # factor on the depth change per pixel of a slope: 3 x 3 pixels span 2, times 2 as a margin
 DROPOUT = 0.003  # probability that a pixel, at an edge or elsewhere, has no reading
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of one of its neighbours
 FLYING = 0.22  # probability that an edge pixel has a depth between the near and the far surface
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
-GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) at which there is a reading
+GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) that gives a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
 SPECKLE_DEVIATIONS = 2.7  # noise beyond this number of standard deviations makes stereo matching fail
 JOINED_M = 0.1  # m; ARKit smooths depth steps smaller than this, unless the colour image shows an edge
@@ -176,7 +178,7 @@ def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """Draw the smooth error (height, width) float32, metres, of one device; it is the same in all images."""
+    """Draw the smooth error (height, width) float32, metres, of one device, which is the same in all images."""
     import cv2
 
     coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)
@@ -279,7 +281,9 @@ def _sense_stereo(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarra
 
 @nb.njit(cache=True)
 def _shadowed(disparity: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels of the left imager showing what a nearer object hides from the right one."""
+    """Return (height, width) bool: pixels of the left imager that show surfaces that a nearer object hides from the
+    right imager.
+    """
     height, width = disparity.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
     for row in range(height):

@@ -49,7 +49,7 @@ class Studio:
     readers: tuple[Reader, ...]  # one per camera
     performances: tuple[Performance, ...]  # per camera, movements at its image times; shared if times are equal
     in_hole: np.ndarray  # (t,) bool, frames with a hole
-    stills_after: tuple[TrueImage, ...]  # one per camera: the empty room once the equipment has been moved
+    stills_after: tuple[TrueImage, ...]  # one per camera: the empty room after the equipment was moved
     stills_curtained: tuple[TrueImage, ...]  # one per camera: the empty room while a curtain hangs
     room_picture: RoomPicture | None = None  # a cluttered room without people; None for a plain training room
 
@@ -237,7 +237,9 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (p,) bool: whether the depth of each point (p, 3), camera frame, is that of the patient in its pixel."""
+    """Return (p,) bool: whether the depth of each point (p, 3), camera frame, equals the patient's depth in the point's
+    pixel.
+    """
     ahead = inside_m[:, 2] > 0.0
     columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
     inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)

@@ -34,16 +34,17 @@ CROUCHES = np.linspace(0.0, 1.0, 21)  # tried depths of a crouch, from 0 (standi
 SHOULDERS_ABOVE_HOLD_M = 0.22  # m, preferred height of the shoulders above the held places
 COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to held place, as a share of the arm's length
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the held places
-FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the rest
+FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the remaining motion
 # m, maximum distance over which a therapist's body follows a patient without a captured movement
 FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
 LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
-FLATTENING = -0.45  # rad; added to the bend of finger joints: fingers, curled in the rest pose, then lie flat on skin
+# rad, added to the bend of finger joints: fingers are curled in the rest pose, and lie flat on skin with this
+FLATTENING = -0.45
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where it crosses the line of sight
+BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where the path crosses the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
 CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
 HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by crosses the line of sight, as a share of the recording
@@ -63,7 +64,7 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down; a therapist cannot lean or crouch so far
+        # a patient with a captured movement may sit down; a therapist cannot lean or crouch far enough to follow
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:
@@ -178,8 +179,8 @@ def draw_passer_by(
 
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
-    """Return the index of the path whose angle is nearest to ``slant``, among those that keep ``CLEAR_M`` away from the
-    other cameras (k, 2) and the patient; if none does, the index of the path that stays farthest away.
+    """Return the index of the path whose angle is nearest to ``slant``, among the paths that keep ``CLEAR_M`` away from
+    the other cameras (k, 2) and the patient; if no path does, the index of the path that stays farthest away.
 
     courses (n, 2): unit directions (x, z) of the paths through ``crossing_m``, with the angles ``SLANTS_RAD``.
     """

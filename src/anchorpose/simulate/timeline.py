@@ -59,7 +59,7 @@ ARM_SWING = 1.1  # rad of shoulder flexion for each metre by which the opposite 
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """Offsets that a movement adds to some channels. They grow from 0, stay, and return to 0."""
+    """Offsets that a movement adds to some channels. The offsets grow from 0, stay, and return to 0."""
 
     offsets: tuple[tuple[str, float], ...]  # channel and offset in metres or radians
     start_s: float
@@ -146,8 +146,8 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces. These are the means of both feet,
-    smoothed over time.
+    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces. Place and direction are the means
+    of both feet, smoothed over time.
     """
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))

@@ -95,7 +95,9 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
 
 
 def _write_documents(recording: Path, clinic: Clinic) -> None:
-    """Write recording.json; equipment.json if there is equipment; events.tsv and events.json for a session."""
+    """Write recording.json; also equipment.json for a clinic with equipment, and events.tsv and events.json for a
+    session.
+    """
     equipment, cameras, missing = clinic.equipment, clinic.cameras, clinic.config.body.missing
     if not clinic.config.pose_known:
         cameras = tuple(replace(camera, T_world_camera=None) for camera in cameras)
@@ -129,7 +131,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     """Write the truth with which tracking is compared: t frames, those of the first camera; places in world metres.
 
     occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera.
-    In addition to the keys of the file format, there are these arrays (n other people):
+    In addition to the keys of the file format, the file has these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
     - seen_share (t, 21, cameras): as in ``seen_shares``
@@ -185,7 +187,7 @@ class Record:
     """One camera's image files, by frame number. All arrays are (t,)."""
 
     kept: np.ndarray  # bool, whether the image is on the disk
-    shown: np.ndarray  # int64, number of the image that the file contains; an earlier one if the file is doubled
+    shown: np.ndarray  # int64, number of the image that the file contains; an earlier image if the file is doubled
     stamp_s: np.ndarray  # float64, time in timestamps.csv
     taken_s: np.ndarray  # float64, when the image in the file was taken
 
@@ -197,7 +199,7 @@ def draw_record(clinic: Clinic, index: int) -> Record:
     kept = _kept(clinic, index, nominal_s)
     shown = np.arange(config.frames)
     doubled = (random_stream(config, "doubles", index).random(config.frames) < config.doubled_share) & kept
-    before = np.maximum.accumulate(np.where(kept, shown, -1))  # per frame, number of the last image kept up to it
+    before = np.maximum.accumulate(np.where(kept, shown, -1))  # per frame, number of the image last kept
     for frame in np.flatnonzero(doubled):
         if frame > 0 and before[frame - 1] >= 0:
             shown[frame] = shown[before[frame - 1]]

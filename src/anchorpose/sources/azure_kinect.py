@@ -1,10 +1,10 @@
 """Read recordings (``.mkv``) that were made with Azure Kinect's SDK, or with Orbbec's wrapper of this SDK for Femto
 cameras.
 
-The layout is that of the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK, MIT,
-``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the attachment
-``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The lens is
-read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
+The file's layout is defined by the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK,
+MIT, ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the
+attachment ``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The
+lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
 ``src/transformation/mode_specific_calibration.c`` (cropping, binning and the shift by half a pixel) and
 ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
 (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has these files unchanged.
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
-"""The only lens model that is read; its formula is that of OpenCV's rational model. Only early internal devices of the
-maker had other models.
+"""The only lens model that is read; its formula is the formula of OpenCV's rational model. Only early internal devices
+of the maker had other models.
 """
 SENSOR_PX: Final = 1024
 """Width and height of the sensor; the SDK, too, refuses the calibration of a sensor of another size."""
@@ -70,7 +70,7 @@ MODES: Final = (
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """Return the mode whose images have this size; None if there is none."""
+    """Return the mode whose images have this size; None if no mode has it."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
@@ -98,7 +98,9 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 
 def _depth_camera(calibration: bytes) -> dict:
-    """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError if it has none."""
+    """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError without such an
+    entry.
+    """
     try:
         document = parse_json(calibration.rstrip(b"\0"))
         cameras = document["CalibrationInformation"]["Cameras"]
@@ -112,7 +114,7 @@ def _depth_camera(calibration: bytes) -> dict:
 
 
 def _parameters(camera: dict) -> tuple[float, ...]:
-    """Return the fourteen numbers of the depth camera's lens; raises ValueError if they cannot be those of a lens."""
+    """Return the fourteen numbers of the depth camera's lens; raises ValueError if they are impossible for a lens."""
     try:
         model = camera["Intrinsics"]["ModelType"]
         numbers = np.array(camera["Intrinsics"]["ModelParameters"], dtype=np.float64)
@@ -147,7 +149,9 @@ def matches(path: Path, head: bytes) -> bool:
 
 
 def open_source(path: Path) -> AzureKinectFile:
-    """Read a file's tracks, tags and calibration; raises InputError if it has no depth, MissingPackage without PyAV."""
+    """Read a file's tracks, tags and calibration; raises InputError if the file has no depth, MissingPackage without
+    PyAV.
+    """
     with _opened(path) as container:
         _, mode = _depth_track(path, container)
         lens, lens_note = _lens(container, mode)
@@ -169,7 +173,7 @@ def open_source(path: Path) -> AzureKinectFile:
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
     """A recording of one camera. start_us: time of the device's clock at the file's time 0, microseconds; left_out:
-    number of damaged depth images, which is counted while frames are read (so the class is not frozen).
+    number of damaged depth images. It is counted while frames are read, so the class is not frozen.
     """
 
     path: Path
@@ -212,8 +216,8 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Yield the packets without those whose time is damaged: later than the time of the next packet, or not later
-        than that of the previous packet.
+        """Yield the packets except those with a damaged time: later than the time of the next packet, or not later than
+        the time of the previous packet.
 
         A packet is yielded only when the next packet is known: otherwise, after a single time that is far too late, all
         other packets would seem too early.
@@ -245,8 +249,8 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
-    """Open the file with PyAV. PyAV may decode only uncompressed images, so it never decodes colour, not even to detect
-    the formats of the tracks.
+    """Open the file with PyAV. Only the decoder of uncompressed images is allowed, so PyAV never decodes colour, not
+    even to detect the formats of the tracks.
     """
     try:
         import av
@@ -285,7 +289,7 @@ def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, De
 
 
 def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None, str]:
-    """Return the lens and an empty text, or None and the reason why there is no lens."""
+    """Return the lens and an empty text, or None and the reason why the lens is missing."""
     for attached in container.streams.attachments:
         if attached.name == CALIBRATION or "K4A_CALIBRATION_FILE" in attached.metadata:
             try:
@@ -308,15 +312,15 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
 
 
 def _is_whole(path: Path) -> bool:
-    """Return whether the file has the length that its Segment (the element that holds all tracks) states; False if that
-    states no length, because the recorder was killed.
+    """Return whether the file has the length that its Segment (the element that holds all tracks) states; False if the
+    Segment states no length, because the recorder was killed.
     """
     with open_regular(path) as file:
         head = file.read(4096)
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): its leading zero bits tell how many bytes a length has
+    width = 9 - head[start].bit_length()  # EBML (RFC 8794): its leading zero bits state how many bytes a length has
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

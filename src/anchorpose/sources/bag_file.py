@@ -1,9 +1,9 @@
 """Read the messages in bags (files of ROS messages) as bytes, by topic. The package rosbags reads ROS 1 bags, and ROS 2
 bags in MCAP; Python's sqlite3 reads ROS 2 bags in SQLite.
 
-Only the file readers of rosbags are used: it could not decode the messages of RealSense and Orbbec, because the
-definitions of these messages in the bag lack fields. A ROS 1 bag that was cut off has no index, so its chunks are read
-one after the other. Any other damage ends the reading, and a note names the tool that repairs the file.
+Only the file readers of rosbags are used. The package could not decode the messages of RealSense and Orbbec, because
+the definitions of these messages in the bag lack fields. A ROS 1 bag that was cut off has no index, so its chunks are
+read one after the other. At any other damage, reading stops, and a note names the tool that repairs the file.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class DamagedBag(Exception):
 class Channel:
     """A topic of a file.
 
-    kind: the type of its messages as ROS 1 writes it, for example ``sensor_msgs/Image``; cdr: whether they are in the
-    encoding of ROS 2; definition: the text that defines the type, if the file embeds it.
+    kind: the type of the topic's messages as ROS 1 writes it, for example ``sensor_msgs/Image``; cdr: whether the
+    messages are in the encoding of ROS 2; definition: the text that defines the type, if the file embeds this text.
     """
 
     topic: str
@@ -60,7 +60,7 @@ class Message:
 
 
 class BagFile(ABC):
-    """An opened file of messages. Raises InputError if it cannot be opened, MissingPackage without rosbags."""
+    """An opened file of messages. Raises InputError if the file cannot be opened, MissingPackage without rosbags."""
 
     repair: str
 
@@ -104,8 +104,8 @@ class BagFile(ABC):
 
     @abstractmethod
     def _open(self) -> list[tuple[int, Channel, int | None]]:
-        """Return for each connection (a publisher on a topic) its number, its channel, and how many messages it has, if
-        known.
+        """Return, for each connection (a publisher on a topic), its number, its channel, and its number of messages,
+        None if unknown.
         """
 
     @abstractmethod
@@ -117,7 +117,7 @@ class BagFile(ABC):
 
 
 class _RosbagsFile(BagFile):
-    """A file that rosbags reads and keeps open."""
+    """A bag that the package rosbags reads and keeps open."""
 
     cdr = True
 
@@ -236,7 +236,7 @@ class Ros2Database(BagFile):
             head, size = file.read(32), file.seek(0, 2)
         page = int.from_bytes(head[16:18], "big")  # page size in bytes (sqlite.org/fileformat); 1 means 65536
         if size < int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page):
-            raise DamagedBag("its end is missing")  # SQLite would take the missing bytes as zeros
+            raise DamagedBag("its end is missing")  # SQLite would read the missing bytes as zeros
         topics = "SELECT id, name, type, (SELECT COUNT(*) FROM messages WHERE topic_id = topics.id) FROM topics"
         with closing(self._connect()) as connection:
             return [
@@ -252,8 +252,8 @@ class Ros2Database(BagFile):
                 yield number, int(received_ns), bytes(data)
 
     def _connect(self) -> sqlite3.Connection:
-        """Open the database read only. Nothing is written beside the file either, unless a recorder left a journal of
-        SQLite there.
+        """Open the database read only. SQLite writes no files beside the database either, unless a recorder left a
+        journal there.
         """
         return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 

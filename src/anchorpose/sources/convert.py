@@ -1,5 +1,5 @@
-"""Convert recorders' files to a recording folder, image by image. A stopped conversion can be resumed; until it is
-complete, the folder is not a recording.
+"""Convert recorders' files to a recording folder, image by image. A stopped conversion can be resumed; until the
+conversion is complete, the folder is not a recording.
 
 conversion.json in this folder identifies the inputs and options, so that the conversion can be resumed or repeated.
 """
@@ -70,8 +70,8 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether two conversion.json identify the same conversion: same version, options and content of inputs. The
-    inputs may have been renamed.
+    """Return whether two conversion.json identify the same conversion: with the same version, options and content of
+    inputs. The inputs may have been renamed.
     """
 
     def identity(document: dict[str, Any]) -> tuple[Any, ...]:
@@ -83,8 +83,8 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Return whether a folder with a conversion.json has only what the conversion wrote, as far as file names and the
-    content of recording.json show. Such a folder can be converted again without losing anyone's work.
+    """Return whether a folder with a conversion.json has only files that the conversion wrote, as far as file names and
+    the content of recording.json show. Such a folder can be converted again without losing anyone's work.
     """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
@@ -176,7 +176,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the input files cause this error, so resuming would not help
+    if refusal is not None:  # the input files cause this error, so resuming the conversion would not help
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -184,7 +184,7 @@ def _convert(
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raise InputError if ``out`` cannot be written, or an input is given twice or would be overwritten."""
+    """Raise InputError if ``out`` cannot be written, if an input is given twice, or if one would be overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -198,8 +198,8 @@ def check_places(inputs: Sequence[Path], out: Path) -> None:
 
 @contextmanager
 def _claimed(out: Path, begun: dict[str, Any]) -> Iterator[None]:
-    """Lock ``out`` for this process and write its conversion.json; raises InputError if it has other content or another
-    process has locked it.
+    """Lock ``out`` for this process and write its conversion.json; raises InputError if ``out`` has other content or
+    another process has locked it.
     """
     if out.is_dir() and any(file.name != LOCK_FILE for file in out.iterdir()):
         found = read_conversion(out)
@@ -255,7 +255,7 @@ def _write_images(
 
 
 def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[str, int]) -> list[str]:
-    """Return a note for each camera without an image; raises InputError if the source has none at all."""
+    """Return a note for each camera without an image; raises InputError if no camera of the source has an image."""
     empty = [own.camera.name for own in cameras if not counts[own.camera.name]]
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
@@ -292,11 +292,12 @@ class DirectInput:
 
 def look_at(path: Path) -> DirectInput:
     """Find the recording to use for the path that a user gave: the path itself if it is a recording or no reader
-    recognises it (``open_recording`` then reports the problem), otherwise its conversion beside it.
+    recognises it (``open_recording`` then reports the problem), otherwise the conversion of the path, which lies beside
+    it.
 
-    A conversion beside it that was made from other content or by another version is removed. Raises InputError if files
-    in that conversion were added or changed since, or if the name of the conversion is taken by a link, or by a file or
-    folder that is no conversion.
+    An earlier conversion beside the path that was made from other content or by another version is removed. Raises
+    InputError if files in that conversion were added or changed since, or if the conversion's name is taken by a link,
+    or by a file or folder that is no conversion.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)
@@ -320,7 +321,7 @@ def look_at(path: Path) -> DirectInput:
 
 
 def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Convert an input that is not ready; return notes. Raises InputError if nothing can be written beside it."""
+    """Convert an input that is not ready; return notes. Raises InputError if no file can be written beside it."""
     if not _may_write(direct.recording.parent):
         remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
         raise InputError(direct.recording.parent, "cannot be written", remedy)
@@ -328,6 +329,6 @@ def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written; one marked as read-only may not be written, even by administrators."""
+    """Return whether a folder may be written; a folder marked as read-only may not, even by administrators."""
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     return not marked and os.access(folder, os.W_OK)

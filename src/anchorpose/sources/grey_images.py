@@ -1,4 +1,6 @@
-"""Read depth images in single files (16-bit grey PNG, PGM), and numbers in file names; turn metres into grey values."""
+"""Read depth images from single files (16-bit grey PNG, PGM) and numbers from file names, and turn metres into grey
+values.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +22,21 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-# metres per grey value: 16 bits then reach to 16, 33 and 65 m; at such distances, depth cameras measure in coarser
-# steps
+# metres per grey value, with which 16 bits reach to 16, 33 and 65 m; at such distances, depth cameras measure in
+# coarser steps
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
 _SPARE: Final = 1.25  # factor by which readings of later images may exceed the largest reading of the first image
 GREY_M: Final = _SCALES[0]
-"""Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. It
+"""Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. This scale
 represents readings of up to 16.4 m, and rounds them by at most an eighth of a millimetre.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image file, on disk or in an archive. time_s: time on the device's clock, or the image's number if times
-    are unknown.
+    """A depth image file, on disk or in an archive. time_s: time on the device's clock or, if times are unknown, the
+    image's number.
     """
 
     path: Path
@@ -69,7 +71,7 @@ class ImageFiles:
         return (*self._notes, damaged)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped images are decoded too, so that all damaged ones are counted."""
+        """Yield the depth images in order; skipped images are decoded too, so that all damaged images are counted."""
         taken = 0
         for file in self._files:
             grey, problem = self._read(file.path, self.cameras[0])
@@ -111,7 +113,7 @@ def grey_size(path: Path) -> Size | None:
 
 
 def first_size(path: Path, files: Sequence[Path]) -> Size:
-    """Return the size of the first image that is 16-bit grey; raises InputError if none is."""
+    """Return the size of the first image that is 16-bit grey; raises InputError if no image is."""
     for file in files:
         size = grey_size(file)
         if size is not None:
@@ -134,15 +136,15 @@ def natural_order(path: Path) -> tuple[tuple[bool, int, str], ...]:
 
 
 def number_of(path: Path) -> int | None:
-    """Return the number in a file's name; None if there is no number, several numbers, or a number with too many digits
-    to be an image's number.
+    """Return the number in a file's name; None if the name has no number, several numbers, or a number with too many
+    digits to be an image's number.
     """
     numbers = re.findall(r"[0-9]+", path.stem)
     return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
 
 
 def _pgm_header(data: bytes) -> tuple[int, int, int] | None:
-    """Return width, height and offset of the pixels of a PGM file with two bytes per pixel; None for others."""
+    """Return width, height and offset of the pixels of a PGM file with two bytes per pixel; None for other files."""
     gap = rb"(?:\s|#[^\n]*\n)+"
     match = re.match(rb"P5" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})" + gap + rb"(\d{1,5})\s", data)
     if match is None or not 255 < int(match[3]) < 65536:
@@ -166,8 +168,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Choose the metres per grey value for a camera from an image (height, width) in metres; None without a reading.
 
-    The result is 0.001 if all readings are whole millimetres. Otherwise it is the finest of a few scales that can
-    represent a quarter more than the largest reading.
+    The result is 0.001 if all readings are whole millimetres. Otherwise the result is the finest of a few scales that
+    can represent a quarter more than the largest reading.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -1,8 +1,9 @@
-"""Read depth images from an array file, a folder of image files, or raw dumps with a sidecar that describes them.
+"""Read depth images from an array file, from a folder of image files, or from raw dumps that a sidecar describes.
 
-An array is NumPy's .npy of (images, height, width). A folder has 16-bit grey PNG or PGM files, also in a subfolder
-``depth``. Raw dumps hold 16-bit values, either one file for all images, or a folder with one file per image. Numbers in
-the file names show which images are missing. A sidecar (a JSON file) may give the lens, the unit and the rate.
+An array file is a NumPy .npy file with an array (images, height, width). A folder has 16-bit grey PNG or PGM files,
+also in a subfolder ``depth``. Raw dumps hold 16-bit values, either one file for all images, or a folder with one file
+per image. Numbers in the file names show which images are missing. A sidecar (a JSON file) may give the lens, the unit
+and the rate.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m, minimum median of an image's readings if they are in metres; readings in millimetres have a median beyond
+# m, minimum median of an image's readings for their unit to be metres; readings in millimetres have a median beyond
 # ``FARTHEST_M``
 NEAREST_M: Final = 0.1
 
@@ -107,7 +108,7 @@ def image_array(
     """Make the source of an array with the shape (images, height, width) and numbers of the type ``kind``. read:
     function that returns the image at a position as it is stored.
 
-    Raises InputError if the size or the numbers of the array are not those of depth images.
+    Raises InputError if the array's size or its numbers are impossible for depth images.
     """
     count, height, width = shape
     if count < 1 or not (0 < height <= LARGEST_SIDE_PX and 0 < width <= LARGEST_SIDE_PX):
@@ -145,8 +146,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-# maximum number of a folder's images that are tested, one of which must be 16-bit grey; the folder may hold colour
-# images too
+# maximum number of a folder's images that are tested; one of these must be 16-bit grey, while others may be colour
+# images
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
@@ -156,7 +157,7 @@ their median difference is less or more.
 
 
 class SidecarDocument(Entry):
-    """A ``depth-sidecar``, a file about depth images; ``width`` and ``height`` are needed for raw dumps only."""
+    """A ``depth-sidecar``, a file that describes depth images; only raw dumps need ``width`` and ``height``."""
 
     format: Literal["depth-sidecar"]
     version: Version
@@ -226,8 +227,8 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """Return the times (n,) in seconds that a sidecar gives images with these numbers (n,); None if it has neither
-    times nor a rate. Raises InputError unless its number of times is n.
+    """Return the times (n,) in seconds that a sidecar gives for the images with these numbers (n,); None if the sidecar
+    has neither times nor a rate. Raises InputError if the sidecar has times but not n of them.
     """
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
@@ -248,7 +249,7 @@ def _images(path: Path) -> list[Path]:
 
 
 def _is_raw_dump(path: Path, head: bytes) -> bool:
-    """Return whether a sidecar is beside this file, or in this folder of raw files."""
+    """Return whether a sidecar is beside the file ``path``, or in the folder ``path`` of raw files."""
     sidecar = _sidecar(path)
     if sidecar == path:
         return False

@@ -1,7 +1,7 @@
 """Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
 The array must have the shape (height, width, images), and hold uint16 or metres. scipy's reader is not used: it trusts
-the tags (type and size) of the file's elements, and a single damaged byte in a tag crashed the process.
+the tags (type and size) of the file's elements, and a single damaged byte in a tag made the process crash.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class MatArray:
 
 
 def list_arrays(data: memoryview) -> list[MatArray]:
-    """List the arrays of a file that can be depth, in the file's order; raises ValueError, LookupError, struct.error or
-    zlib.error if the file is damaged or cut off.
+    """List the arrays of a file that can be depth images, in the file's order; raises ValueError, LookupError,
+    struct.error or zlib.error if the file is damaged or cut off.
     """
     order = {b"IM": "<", b"MI": ">"}[bytes(data[_ORDER_AT])]
     found = list[MatArray]()
@@ -91,7 +91,7 @@ def list_arrays(data: memoryview) -> list[MatArray]:
 
 
 def _body(data: memoryview, order: str) -> memoryview:
-    """Return the content of an array's element, without its tag; data: the element as far as it was unpacked."""
+    """Return the content of an array's element, without its tag; data: the unpacked beginning of the element."""
     if len(data) < 8 or struct.unpack_from(f"{order}I", data) != (_MATRIX,):
         raise ValueError("a compressed element that is not an array")
     return data[8:]

@@ -69,7 +69,7 @@ _REMEDY: Final = "export it again from Record3D"
 
 
 def _is_stray(path: Path, head: bytes) -> bool:
-    """Return whether a path is a folder of the app Stray Scanner, by the files in it."""
+    """Return whether a path is a folder of the app Stray Scanner, judged by the files in the folder."""
     return all((path / name).is_file() for name in ("camera_matrix.csv", "odometry.csv")) and (path / "depth").is_dir()
 
 
@@ -99,8 +99,8 @@ def scaled_lens(path: Path, matrix: np.ndarray, picture: Size, depth: Size) -> I
     """Scale the lens matrix (3, 3) of a colour image to the depth image that shows the same view with fewer pixels.
 
     picture, depth: sizes of the colour image and of the depth image. Pixel centres have whole-numbered coordinates, so
-    the images are scaled about their common corner at -0.5. Raises InputError if the matrix cannot be that of a colour
-    image of this size, or the ratios of width to height differ.
+    the images are scaled about their common corner at -0.5. Raises InputError if the matrix is impossible for a colour
+    image of this size, or if the ratios of width to height differ.
     """
     wide, high = depth[0] / picture[0], depth[1] / picture[1]
     centre = np.array([matrix[0, 2] / picture[0], matrix[1, 2] / picture[1]])
@@ -126,7 +126,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
-            continue  # this row's image gets no time, and is counted among the images left out
+            continue  # the image of this row gets no time, and counts as left out
         if math.isfinite(time_s) and number == number // 1:
             times[int(number)] = time_s
             positions.append(position)
@@ -210,8 +210,8 @@ def _whole(path: Path, values: dict[str, Any], key: str) -> int:
 
 
 def _times(path: Path, values: dict[str, Any], numbers: list[int]) -> tuple[list[float], bool]:
-    """Return each image's time in s and True; or, if times are unknown, each image's number and False. Times are read
-    from the metadata, or computed from the frame rate.
+    """Return each image's time in s and True; or, if times are unknown, each image's number and False. The times are
+    read from the metadata or computed from the frame rate.
     """
     stamps = values.get("frameTimestamps")
     if isinstance(stamps, list) and stamps and numbers[-1] < len(stamps):

@@ -113,7 +113,7 @@ def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
 
 
 def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
-    """Return an error that names all missing information, and the option to give each piece of it."""
+    """Return an error that names all missing information, and for each piece of information the option to give it."""
     missing = list[tuple[str, str]]()
     if _lens(camera, options) is None:
         missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
@@ -128,8 +128,8 @@ def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -
 
 
 def _names(sources: Sequence[Source]) -> list[str]:
-    """Return one folder name per camera: the name of the camera or, if it is not unique, the same with the name of the
-    input in front. The names are unique even if upper and lower case are not distinguished.
+    """Return one folder name per camera: the name of the camera or, if this name is not unique, the name of the input
+    followed by the name of the camera. The names are unique even if upper and lower case are not distinguished.
     """
     own = [(folder_name(source.path.stem), folder_name(camera.name)) for source in sources for camera in source.cameras]
     cameras = [camera.casefold() for _, camera in own]
@@ -183,7 +183,7 @@ def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
 
 def can_turn(lens: Intrinsics, degrees: int) -> bool:
     """Return whether OpenCV's model can describe the lens of the turned image. A quarter turn would exchange the order
-    of the two axes about which the sensor is tilted, so it is possible only without tilt.
+    of the two axes about which the sensor is tilted, so the model can describe it only if the sensor is not tilted.
     """
     return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
 
@@ -247,8 +247,8 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 class CameraWriter:
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
-    given: number of images received, the earlier run's included; written: number of these that were written. The number
-    in an image's file name is its position in the source, unless ``write`` gets another number.
+    given: number of images received, including the earlier run; written: number of these images that were written. The
+    number in an image's file name is its position in the source, unless ``write`` gets another number.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -271,11 +271,11 @@ class CameraWriter:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:
-        """Write an image and return the path of its file. An image whose time is not later than that of the previous
-        image is left out, and None is returned.
+        """Write an image and return the path of its file. An image whose time is not later than the time of the
+        previous image is left out, and None is returned.
 
         time_s: time on the device's clock, or the image's number if times are unknown; number: the number for the
-        image's file name, larger than the previous number; given if the source states which images it lost.
+        image's file name, larger than the previous number; it is given if the source states which images were lost.
         """
         number = self.given if number is None else number
         self.given = number + 1
@@ -290,7 +290,7 @@ class CameraWriter:
         return path
 
     def note(self, source: Path) -> str:
-        """Return a sentence on images that were left out because of their times; empty if there are none. Raises
+        """Return a sentence on images that were left out because of their times; empty without such images. Raises
         InputError, naming ``source``, if too many were left out, or if the remaining times cannot be seconds.
         """
         if self.written:
@@ -326,12 +326,14 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return number and time (text) of each image before the first missing file, except damaged images at their end."""
+    """Return number and time (text) of each image before the first missing file; damaged images at the end of this
+    series are left out.
+    """
     path = folder / "timestamps.csv"
     if not path.is_file():
         return []
     text = read_whole(path, LARGEST_TABLE, BEGIN_AGAIN).decode("utf-8", errors="replace")
-    lines = text.split("\n")[1:-1]  # without the header row, and without a last row that was cut off
+    lines = text.split("\n")[1:-1]  # skips the header row, and a last row that was cut off
     there = {file.name for file in (folder / "depth").iterdir()}
     rows = list[tuple[int, str]]()
     for line in lines:

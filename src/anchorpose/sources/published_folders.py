@@ -37,7 +37,7 @@ TUM_M: Final = 1.0 / 5000.0  # metres per grey value
 
 LISTS: Final = ("depth.txt", "associations.txt", "associate.txt", "associated.txt", "association.txt")
 
-POSES_READ: Final = 100  # number of poses read, spread over the recording; enough to show whether a camera was carried
+POSES_READ: Final = 100  # number of poses read over the recording, enough to show whether a camera was carried
 
 
 def _is_tum(path: Path, head: bytes) -> bool:
@@ -76,7 +76,7 @@ def _list_in(path: Path) -> Path | None:
 
 
 def _rows(folder: Path, text: str) -> list[FrameFile]:
-    """Return the depth image that each line names, with its time; some lines also name a colour image and its time."""
+    """Return the depth image named by each line, with its time; some lines also name a colour image and its time."""
     files = list[FrameFile]()
     for line in text.splitlines():
         cells = line.split()
@@ -165,7 +165,7 @@ def _lens(path: Path, values: dict[str, Any]) -> Intrinsics:
 
 def _positions(folder: Path) -> np.ndarray:
     """Return the camera's positions (n, 3), metres, in about ``POSES_READ`` of the stored poses. Damaged poses are left
-    out, since the positions only serve for a note.
+    out without an error, since the positions only serve for a note.
     """
     files = sorted(folder.glob("*.txt"), key=natural_order)
     positions = list[np.ndarray]()

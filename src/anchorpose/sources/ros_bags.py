@@ -1,5 +1,5 @@
 """Read depth images from bags (files of ROS messages) in the formats of ROS 1 and ROS 2 (SQLite and MCAP), also from
-those that RealSense's and Orbbec's software records.
+bags that the software of RealSense and Orbbec records.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # otherwise this camera's image was damaged, and counted before
+                    if camera in waiting:  # if not, this camera's image was damaged and is counted already
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)

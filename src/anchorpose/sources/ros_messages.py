@@ -1,7 +1,7 @@
 """Decode the ROS messages that a depth recording needs: ROS 1's serialization and ROS 2's CDR.
 
 Only fields of the published definitions are read (docs.ros.org, sensor_msgs and tf2_msgs), not the definitions that a
-bag embeds: those of Orbbec and RealSense lack fields that their messages have.
+bag embeds: the embedded definitions of Orbbec and RealSense lack fields of their messages.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RECORD_AGAIN = "copy it again from where it was recorded, or record again"
 
 
 class MessageFields:
-    """A reader of one message's fields, in their order; it raises DamagedBag if the message ends before a field."""
+    """A reader of one message's fields, in their order. A read beyond the message's end raises DamagedBag."""
 
     def __init__(self, message: Message) -> None:
         self._data = memoryview(message.data)
@@ -68,7 +68,7 @@ class MessageFields:
         return raw.removesuffix(b"\0").decode("utf-8", "replace") if self._cdr else raw.decode("utf-8", "replace")
 
     def take(self, size: int) -> memoryview:
-        """Return the next bytes unchanged."""
+        """Return the next ``size`` bytes unchanged."""
         if size > len(self._data) - self._place:
             raise DamagedBag("a message ends before its last field")
         self._place += size
@@ -89,8 +89,8 @@ class MessageFields:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
-    """A ``sensor_msgs/Image``. step: bytes per row; reader: the reader of the fields after the image, which only
-    vendors' messages have.
+    """A ``sensor_msgs/Image``. step: bytes per row; reader: gives the fields that only vendors' messages have, after
+    the image.
     """
 
     stamp_ns: int
@@ -118,7 +118,7 @@ class CompressedMessage:
 class CameraInfo:
     """A ``sensor_msgs/CameraInfo``. model, D: distortion model and coefficients; K, P: camera matrix and projection,
     row by row; binning: number of pixels binned across and down; roi: column, row, height, width of the images' region
-    in the full image, all 0 if it is the full image.
+    in the full image, all 0 if the region is the full image.
     """
 
     frame_id: str
@@ -189,7 +189,7 @@ def encoding_of(image: Image) -> str:
 
 
 def size_of(image: Image) -> tuple[int, int]:
-    """Return width and height of an image in pixels. Raises DamagedBag if it is not complete."""
+    """Return width and height of an image in pixels. Raises DamagedBag if the image is not complete."""
     if isinstance(image, ImageMessage):
         return image.width, image.height
     png = _png_of(image)
@@ -200,7 +200,9 @@ def size_of(image: Image) -> tuple[int, int]:
 
 
 def grey_of(image: Image) -> np.ndarray:
-    """Return the grey values (height, width) uint16 of an image, 0 = no reading. Raises DamagedBag if it is damaged."""
+    """Return the grey values (height, width) uint16 of an image, 0 = no reading. Raises DamagedBag if the image is
+    damaged.
+    """
     grey = _plain(image, 2) if isinstance(image, ImageMessage) else _decode(_png_of(image))
     grey = grey.astype(np.uint16)
     grey[grey == NO_READING] = 0
@@ -208,7 +210,9 @@ def grey_of(image: Image) -> np.ndarray:
 
 
 def metres_of(image: Image) -> np.ndarray:
-    """Return the metres (height, width) float32 of an image, NaN = no reading. Raises DamagedBag if it is damaged."""
+    """Return the metres (height, width) float32 of an image, NaN = no reading. Raises DamagedBag if the image is
+    damaged.
+    """
     if isinstance(image, ImageMessage):
         metres = _plain(image, 4).astype(np.float32)
     else:
@@ -260,8 +264,8 @@ class DepthStream:
     """The stream of one camera's images.
 
     in_metres: True if the values are metres, False if they are whole grey values; read: function that reads an image
-    with its time stamp from a message; metadata_topic: topic of the messages that have the device's time and follow the
-    image, empty if there are none.
+    with its time stamp from a message; metadata_topic: topic of the messages that follow the images and have the
+    device's time, empty without such messages.
     """
 
     topic: str
@@ -280,7 +284,7 @@ class Streams:
 
 
 def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
-    """Return the content of the first message of a topic that can be read, or None if there is no such message."""
+    """Return the content of the first message of a topic that can be read, or None without such a message."""
     for message in bag.messages((topic,)):
         try:
             return read(message)
@@ -290,6 +294,8 @@ def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:
-    """Return the first image of a topic; None if there is none, or its values are not depth in whole numbers."""
+    """Return the first image of a topic; None if the topic has no image, or if the values are not depth in whole
+    numbers.
+    """
     image = first(bag, topic, read)
     return image if image is not None and encoding_of(image) in INTEGERS else None

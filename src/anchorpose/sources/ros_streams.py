@@ -1,5 +1,5 @@
 """Choose among the depth images that ROS drivers publish: find the topics of each camera, the best of these topics, and
-the ``CameraInfo`` that describes its images.
+the ``CameraInfo`` that describes the images on the best topic.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"
 _MOVED: Final = frozenset({"registered", "aligned", "rgb", "color", "hd", "qhd"})
-"""Words in the names of topics whose depth was converted to the colour camera's view (registered). This loses some
-readings.
+"""Words in the names of topics whose depth was converted to the colour camera's view (registered). The conversion loses
+some readings.
 """
 _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
@@ -63,7 +63,7 @@ T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A topic with depth images. words: the words of its name; message: its first image."""
+    """A topic with depth images. words: the words of the topic's name; message: the topic's first image."""
 
     channel: Channel
     words: tuple[str, ...]
@@ -143,8 +143,8 @@ class _Search:
         return None
 
     def _infos_of(self, candidate: _Candidate, size: tuple[int, int]) -> list[CameraInfo]:
-        """Return the ``CameraInfo`` on the topic ``camera_info`` beside the topic of the images, if it states their
-        size; otherwise every ``CameraInfo`` with the optical frame and the size of the images.
+        """Return the ``CameraInfo`` on the topic ``camera_info`` beside the topic of the images, if that message states
+        the images' size; otherwise every ``CameraInfo`` with the optical frame and the size of the images.
         """
         topic = re.sub(r"/compressed(Depth)?$", "", candidate.channel.topic)
         beside = self.infos.get(f"{topic.rpartition('/')[0]}/camera_info")
@@ -163,7 +163,9 @@ class _Search:
 
 
 def find_streams(bag: Bag, path: Path) -> Streams:
-    """Find each camera's depth topic that is closest to the sensor's own images. Raises InputError if there is none."""
+    """Find each camera's depth topic that is closest to the sensor's own images. Raises InputError if the bag has no
+    depth topic.
+    """
     notes: list[str] = []
     candidates = _candidates(bag, notes)
     if not candidates:
@@ -183,7 +185,7 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
     """List the topics that have "depth" in their name and images in an encoding of depth. The encoding alone does not
-    suffice, since infrared images have the same encodings.
+    identify depth, since infrared images have the same encodings.
     """
     candidates = []
     for channel in bag.channels:
@@ -252,14 +254,15 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     if known is LensModel.BROWN_CONRADY and len(D) == 4:
         D = (*D, 0.0)
     if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
-        known = LensModel.RATIONAL  # some drivers name the model of five coefficients but give eight
+        known = LensModel.RATIONAL  # some drivers give eight coefficients but name the model of five
     if known is None or len(D) not in COEFFICIENTS[known]:
         return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
 
 
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Convert fx, fy, cx, cy of the full image to those of the images, which show a region of it with binned pixels.
+    """Convert fx, fy, cx, cy of the full image to the values for the published images, which show a region of the full
+    image with binned pixels.
 
     Half pixels are added because the centre of a binned pixel lies between the centres of its parts.
     """
@@ -287,8 +290,8 @@ class StaticTransforms:
                 continue  # a chain of frames that needs this transform then reaches no fixed world
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
-        """Return T_world_camera (4, 4) of a camera's optical frame, None if the chain of its parent frames reaches no
-        fixed world; and the last frame of this chain.
+        """Return T_world_camera (4, 4) of a camera's optical frame, None if the chain of parent frames reaches no fixed
+        world; and the name of the last frame in this chain.
         """
         T_frame_camera, found = np.eye(4), None
         frame = frame.lstrip("/")

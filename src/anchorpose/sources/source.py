@@ -1,4 +1,4 @@
-"""Find the reader for a recorder's file by the file's content, and define ``Source``, the opened file, which gives
+"""Find the reader for a recorder's file by the file's content, and define ``Source``: the opened file, which gives
 cameras and depth images. A recorder is any other program or device that records depth images.
 """
 
@@ -31,7 +31,7 @@ MODULES: Final = (
     "phones",
     "published_folders",
     "mat_file",
-    "image_folder",  # tried last: folders of most other formats hold images too, so it would match them
+    "image_folder",  # tried last: folders of most other formats hold images too, so this reader would match them
 )
 """Modules of this package with ``READERS``, in the order in which they are tried. Each is imported when it is tried."""
 
@@ -44,8 +44,8 @@ class SourceCamera:
 
     name: for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the file has
     no lens; T_world_camera: (4, 4), None if the file has no pose; model and serial: of the device, empty if unknown;
-    count: number of its depth images, None if only reading the whole file would show it; has_times: False if the file
-    only numbers its images.
+    count: number of depth images, None if only reading the whole file would show it; has_times: False if the file only
+    numbers the images.
     """
 
     name: str
@@ -99,9 +99,9 @@ class Source(Protocol):
 class Reader:
     """A format of a recorder, with the functions that recognise and open a file or folder in this format.
 
-    matches: function that tests the content, not the ending; it gets a path and the first 4096 bytes of a file, or no
-    bytes for a folder. open_source: function that opens the path; it raises InputError if the header cannot be used,
-    MissingPackage if an optional package is missing.
+    matches: function that tests the content, not the ending of the name; it gets a path and the first 4096 bytes of a
+    file, or no bytes for a folder. open_source: function that opens the path; it raises InputError if the header cannot
+    be used, MissingPackage if an optional package is missing.
     """
 
     matches: Callable[[Path, bytes], bool]
@@ -122,7 +122,7 @@ def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
 
 
 def find_reader(path: Path) -> Reader | None:
-    """Return the reader that recognises a file or folder by its content, or None.
+    """Return the reader that recognises a file or folder by its content; None if no reader does.
 
     Raises InputError if the path cannot be read, or if only the vendor's software can read this format.
     """
@@ -140,7 +140,9 @@ def find_reader(path: Path) -> Reader | None:
 
 
 def open_source(path: Path) -> Source:
-    """Open a recorder's file or folder; raises InputError if no reader knows it or its header cannot be used."""
+    """Open a recorder's file or folder; raises InputError if no reader recognises the path, or if the header cannot be
+    used.
+    """
     if (path / "recording.json").is_file():
         raise InputError(path, "is a recording already", "give it to 'anchorpose track' as it is")
     reader = find_reader(path)
@@ -203,7 +205,7 @@ OTHERS_OWN: Final = (
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return the description of a file that only the vendor's software reads, and a workaround, else None."""
+    """Return a description and a workaround for a file that only the vendor's software reads; None for other files."""
     if _is_zed(path, head):
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",

@@ -6,10 +6,10 @@ option of the camera. In databases, the header of an image has the time of the r
 a text message that follows the image.
 
 Orbbec writes ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack
-fields of its images, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK 2.3
-writes the fields of an image in another order than 2.4 and later. SDK 1 records with a library without public sources:
-it is only known that the message definitions in its files use a type that ROS does not have (OrbbecSDK issue 195), and
-that the lens in its files is unreliable (pyorbbecsdk issue 176).
+fields of the image messages, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK
+2.3 writes the fields of an image in another order than SDK 2.4 and later versions. SDK 1 records with a library without
+public sources: all that is known is that the message definitions in its files use a type that ROS does not have
+(OrbbecSDK issue 195), and that the lens in its files is unreliable (pyorbbecsdk issue 176).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ _OWN_FIELDS: Final = "1"  # frame_id of an image if the depth unit follows the i
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images in a bag; None if it is not RealSense's. Raises InputError if the unit of depth is
-    unknown.
+    """Find the depth images in a bag; None if the bag was not recorded by RealSense's software. Raises InputError if
+    the unit of depth is unknown.
     """
     topics = sorted(channel.topic for channel in bag.channels)
     matches = [match for topic in topics if (match := _DEPTH.fullmatch(topic))]
@@ -128,7 +128,7 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
-        D = D[:4]  # this model has four coefficients, but ROS writes five for every model
+        D = D[:4]  # this model has four coefficients, but five are written for every model
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 
@@ -146,8 +146,8 @@ def _about(bag: Bag, device: str) -> dict[str, str]:
 
 
 def _texts(message: Message) -> dict[str, str]:
-    """Return the values of a message by their names. In a ROS 1 bag it is a ``diagnostic_msgs/KeyValue``, in a database
-    a text ``name=value;...``.
+    """Return the values of a message by their names. In a ROS 1 bag, the message is a ``diagnostic_msgs/KeyValue``; in
+    a database, it is a text ``name=value;...``.
     """
     reader = MessageFields(message)
     if not message.channel.cdr:
@@ -180,7 +180,9 @@ _BROWN_CONRADY, _RATIONAL, _KANNALA_BRANDT = 3, 4, 5  # lens models (Orbbec's OB
 
 
 def find_orbbec(bag: Bag, path: Path) -> Streams | None:
-    """Find the depth images in a bag; None if it is not Orbbec's. Raises InputError if its depth cannot be read."""
+    """Find the depth images in a bag; None if the bag was not recorded by Orbbec's software. Raises InputError if the
+    depth cannot be read.
+    """
     if any(_OF_SDK_1 in channel.definition for channel in bag.channels):
         raise InputError(path, "it is of Orbbec Viewer or SDK 1, whose format is not published", _PLAY_IT)
     if _ORBBEC_DEPTH not in {channel.topic for channel in bag.channels}:

@@ -1,7 +1,8 @@
 """Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
 A bar or a therapist's arm in front of the shin ends the surface above it, and the geodesic extremum there (the node
-farthest from the centre) looks like a foot. Only the pixels around a node show whether the body really ends there.
+farthest from the centre) looks like a foot. Only the pixels around a node show whether the body really ends at the
+node.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from anchorpose.threads import each
 REACH_PX = 5
 SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or flying pixels
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance by which an object is in front of the patient: that of the thinnest bar, more than sensor noise
+# m, minimum distance of an object in front of the patient; the thinnest bar has this distance, more than sensor noise
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
 HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole in the readings; the lost rim around every silhouette is thinner
-MARGIN_PX = 24  # pixels, width of the examined strip around the patient: as wide as a hole of 0.15 m at 2.4 m
+MARGIN_PX = 24  # pixels, width of the examined strip around the patient; a hole of 0.15 m has this width at 2.4 m
 HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; below 0.5, to include holes at a limb's end
 
 
 class Border(IntEnum):
-    """The kind of border within ``REACH_PX`` of a node; the highest value if there are several kinds."""
+    """The kind of border within ``REACH_PX`` of a node; if several kinds are near, the highest value counts."""
 
     INSIDE = 0  # skin all around, or the patient's own silhouette in front of surfaces farther from the camera
     SELF = 1  # another part of the patient stands in front
-    # equipment, another person or an object of the room stands in front, or there is a hole or the image's edge
+    # equipment, another person or an object of the room stands in front, or a hole or the image's edge is near
     CUT = 2
 
 
@@ -77,8 +78,8 @@ def _border_of_pixels(view: View) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
-    """Return each edge pixel's kind if at least ``SUPPORT`` of the 5x5 pixels around it have this or a higher kind. If
-    not, return the next lower kind for which this is true, 0 if none. spots (k,): flat indices of all edge pixels.
+    """Return each edge pixel's kind if at least ``SUPPORT`` of the 5x5 pixels around it have this or a higher kind.
+    Otherwise return the next lower kind for which this is true, or 0. spots (k,): flat indices of all edge pixels.
     """
     height, width = kind.shape
     kept = np.zeros_like(kind)
@@ -98,8 +99,8 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so each edge pixel's
-    kind is spread over its disc separately.
+    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so the kind of each edge
+    pixel is written to all pixels of its disc.
     """
     height, width = kind.shape
     reach = len(disc) // 2
@@ -174,7 +175,7 @@ def _disc(radius: int) -> np.ndarray:
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
     """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
-    to hide something and has the patient along a share of ``HOLE_ENCLOSED`` or more of its rim.
+    to hide something, and at least a share of ``HOLE_ENCLOSED`` of its rim shows the patient.
 
     Recordings with a removed background have no readings around the patient. That region is not a hole, since it
     reaches the edge of the examined area.
@@ -203,7 +204,7 @@ def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.n
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    last = np.full(count, -1, np.int64)  # per component, the last rim pixel counted: no pixel is counted twice
+    last = np.full(count, -1, np.int64)  # per component, the rim pixel counted last, so that no pixel is counted twice
     for k in range(len(rim)):
         row, col = rim[k] // width, rim[k] % width
         for i in range(max(0, row - 2), min(height, row + 3)):

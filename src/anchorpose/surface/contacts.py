@@ -21,8 +21,8 @@ CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
 # distances prove nothing, as skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per edge), minimum fold that gives evidence of a contact; smooth skin never folds so much, so an arm
-# that is wrongly predicted to lie on it does not cut it
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact; smooth skin never folds so much, so it is not
+# cut if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to be a step, as at the rim of
 # a hand on the trunk
@@ -37,11 +37,12 @@ SHOWN_OFF_M: Any = np.float32(0.02)
 
 @njit(cache=True, nogil=True)
 def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
-    """Return (n,) int32: the skin point that each node shows, out of its two candidates (n, 2) int32; -1 = none.
+    """Return (n,) int32: the skin point that each node shows, chosen from the node's two candidates (n, 2) int32; -1 =
+    none.
 
     The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
-    creases count as longer. A node with two takes the candidate that is nearer, along the body, to the skin that the
-    node before it on this path shows. The algorithm is label correcting, so the order of the nodes does not matter.
+    creases count as longer. A node with two candidates takes the one that is nearer, along the body, to the skin that
+    the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -88,8 +89,9 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
 def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
     """Return the surface without edges between touching limbs. surface: with ``skin`` from ``assign_skin``.
 
-    A contact is a connected set of edges whose ends show skin that is far apart on the body. It is cut if at least half
-    of its edges fold inwards, form a step, or have ends that are surely on different parts (``SHOWN_APART_M``).
+    A contact is a connected set of edges whose ends show skin that is far apart on the body. A contact is cut if at
+    least half of its edges fold inwards, form a step, or have ends that are certainly on different parts
+    (``SHOWN_APART_M``).
     """
     ring = _cut(surface.arrays, surface.skin, expected.arrays, np.float32(LEAST_STEP))
     return replace(surface, ring=ring)
@@ -148,7 +150,7 @@ def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> b
 
 @njit(cache=True, nogil=True)
 def _steps(points: np.ndarray, normals: np.ndarray, p: int, q: int, least_step: np.float32) -> bool:
-    """Return whether an edge rises steeply from the skin at either of its ends."""
+    """Return whether the edge between nodes p and q rises steeply from the skin at p or at q."""
     apart2, from_p, from_q = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[q, axis] - points[p, axis]

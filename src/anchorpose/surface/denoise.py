@@ -21,8 +21,8 @@ QUANTISED_SHARE: Final = 0.3
 RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of one surface; steeper skin is few pixels wide, and at an arm's edge depth jumps by more
 MAX_SLANT_DEG: Final = 76.0
-# number of sigmas of the raw noise that the jump limit includes. Beside an edge, smoothing halves the noise, so these
-# are about four sigmas of the smoothed depth
+# number of sigmas of the raw noise that the jump limit includes. Beside an edge, smoothing halves the noise, so two
+# sigmas of raw noise are about four sigmas of the smoothed depth
 JUMP_SIGMAS: Final = 2.0
 
 
@@ -31,7 +31,8 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
     from the robust spread of second differences along rows, or, if this is larger, from half the step between the grey
-    values of the depth image. It is 0 for a frame without noise or without three neighbouring readings in a row.
+    values of the depth image. The coefficient is 0 for a frame without noise or without three neighbouring readings in
+    a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -110,7 +111,7 @@ def extent(mask: np.ndarray) -> tuple:
 @njit(cache=True, nogil=True)
 def _span(depth: np.ndarray, row: int, left: int, right: int) -> tuple:
     """Return (first, last) of the positive entries of a row between two columns; last is one past the last entry. Both
-    are ``right`` without such entries.
+    are ``right`` if no entry is positive.
     """
     while left < right and not depth[row, left] > 0:
         left += 1
@@ -128,8 +129,9 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (k,), with one value for every three neighbouring readings of a row; z is the middle one.
-    They are the second difference divided by z**2, and the difference of the outer two divided by z and by z**2.
+    """Return three arrays (k,), with one value for every three neighbouring readings of a row, where z is the middle
+    reading: the second difference divided by z**2, the difference of the outer two divided by z, and this difference
+    divided by z**2.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
@@ -144,7 +146,9 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """Filter row by row, neighbour by neighbour. reach: depth difference divided by z**2 beyond which weights are 0."""
+    """Filter the depth row by row, neighbour by neighbour. reach: depth difference divided by z**2 beyond which weights
+    are 0.
+    """
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
     inverse, total, weights = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
@@ -223,7 +227,9 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """Count, for each pixel of a row, its neighbour at one offset if within the jump limit; indices as ``_add_tap``."""
+    """Count, for each pixel of a row, the neighbour at one offset if it is within the jump limit; indices: see
+    ``_add_tap``.
+    """
     for k in range(count):
         z = depth[i, there + k]
         support[at + k] += np.int32((z > np.float32(0.0)) & (abs(z - depth[row, at + k]) <= limit[at + k]))

@@ -1,12 +1,12 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
-Parts near each other in space may be far apart on the body: a hand may lie on the trunk, one thigh against the other.
-If two such parts are both near a node, each gives the node a candidate skin point, and the crease between the parts
-decides (``contacts.py``).
+Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
+thigh. If two such parts are both near a node, each gives the node a candidate skin point, and the crease between the
+parts decides (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-It is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb continues
-behind an object. Registration, track tree and images of the patient use only seen nodes.
+Such hidden skin is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb
+continues behind an object. Registration, track tree and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -62,20 +62,21 @@ MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 # factor on a node's distance from a skin point along the point's normal; sideways, nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
 AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a node differ by less, both are candidates
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farther apart than this must be told apart
+FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farther apart than this must be distinguished
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
 # cosine of 120 degrees: skin that is turned farther away from the camera's optical axis is not seen; the limit is over
 # 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
-# minimum width that a pixel covers at a node, divided by that at the skin nearest to the camera; nodes may be nearer
+# minimum width that a pixel covers at a node, as a share of the width at the skin nearest to the camera; nodes may be
+# nearer
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: skin points that are near other skin in space but far from it along the body. A node near such
-    a point may show either skin.
+    a point may show either of the two.
 
     Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some such points
     are not found.
@@ -88,7 +89,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
 
 
 def assign_skin(surface: Surface, camera: Camera, expected: ExpectedSkin, ambiguous: np.ndarray) -> Surface:
-    """Return one camera's surface with the field ``skin``: the skin point that each node shows, -1 if none is near.
+    """Return one camera's surface with the field ``skin``: the skin point that each node shows, -1 if no skin point is
+    near.
 
     ambiguous (k,): from ``find_ambiguous_skin``.
     """
@@ -106,7 +108,7 @@ class SkinGrid(NamedTuple):
 
     start: np.ndarray  # (rows * cols + 1,) int32, where each cell begins in ``which``
     which: np.ndarray  # (m,) int32, the skin points, cell by cell
-    place: np.ndarray  # (6, m) float32, their positions and normals
+    place: np.ndarray  # (6, m) float32, positions and normals of these points
     rows: int  # number of rows of cells
     cols: int  # number of columns of cells
     span_m: float  # minimum width that a pixel covers on the skin; inf without skin
@@ -119,8 +121,8 @@ def _candidates(
     """Return (n, 2) int32: the nearest skin point of each node and, if this point is ambiguous, the nearest skin point
     far from it on the body.
 
-    The search starts around the node's own pixel, then covers all pixels that may have a nearer point than the one
-    found.
+    The search starts around the node's own pixel, then covers all pixels that may have a nearer point than the best so
+    far.
     """
     points, landmarks, cols = mesh.points_m, skin.landmarks_m, grid.cols
     found = np.full((len(points), 2), -1, np.int32)
@@ -223,7 +225,8 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """Compute ``find_ambiguous_skin`` (k,) bool for skin points sorted by their height.
 
-    place (3, k), landmarks (k, l) float32. Points whose height differs by at most 2 ``AMBIGUOUS_M`` are contiguous.
+    place (3, k), landmarks (k, l) float32. Points are sorted by height, so points whose height differs by at most 2
+    ``AMBIGUOUS_M`` are contiguous.
     """
     x, y, z = place[0], place[1], place[2]
     radius = np.float32(2.0) * AMBIGUOUS_M
@@ -233,7 +236,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # no ``if``: the processor would mispredict one in ten
+        for b in range(a + 1, end):  # no ``if``: the processor would mispredict one branch in ten
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -245,7 +248,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is there
+SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, the point's place has no skin
 # factor on the length of paths from skin point to skin point, since these are 2 % longer than straight paths
 STRETCH: Any = np.float32(0.98)
 
@@ -258,8 +261,8 @@ def add_hidden_skin(
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
     if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
-    skin point that they show. This point becomes a node, too, even if a camera sees through its place: the predicted
-    outline may be a few pixels too wide.
+    skin point that they show. This skin point becomes a node, too, even if a camera sees through its place: the
+    predicted outline may be a few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)

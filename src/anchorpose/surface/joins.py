@@ -16,16 +16,16 @@ from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
-# the gap's width; on one shin it is less, between two legs far more
+# the gap's width; on a single shin, the distance is less; between two legs, far more
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # m, added to the distance by ``MAX_DEPARTURE``, for soft tissue and noise beside a narrow bar
+SLACK_M: Final = 0.015  # m, added to the limit from ``MAX_DEPARTURE``, for soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# two pieces are linked where their gap is up to this factor wider than at its narrowest; elsewhere one piece is only in
-# front of the other
+# two pieces are linked where their gap is up to this factor wider than at its narrowest place; where the gap is wider,
+# one piece is merely in front of the other
 SPREAD: Final = 1.5
 
 

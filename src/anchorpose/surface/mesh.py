@@ -26,7 +26,7 @@ def estimate_normals(
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
     pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
     pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
-    which is linear in the rays on a plane. So it is exact for planes at any slant, and all pixels have the same
+    which is linear in the rays on a plane. So the fit is exact for planes at any slant, and all pixels have the same
     variance if noise grows as z**2.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
@@ -96,7 +96,7 @@ def _plane_normals(
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
     """Return the weight of a neighbour i rows and j columns away. It is 0 beyond the radius: neighbours are processed
-    in pairs, and the last pair of a row may have one too many.
+    in pairs, and the last pair of a row may contain a neighbour too many.
     """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
@@ -109,7 +109,7 @@ def _add_taps(
     that float32 is precise enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
-    right of a. apart, weight: distance in pixels (for the jump limit) and weight of a and b.
+    right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.
     """
     (apart_a, apart_b), (weight_a, weight_b) = apart, weight
     z, inverse, u, v = window
@@ -290,7 +290,7 @@ def _grid_nodes(depth: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _place_nodes(depth: np.ndarray, rays: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """Return the places (n, 3) float32 in the camera frame."""
+    """Return the nodes' positions (n, 3) float32 in the camera frame."""
     row, col = pixel.T
     z = depth[row, col]
     return np.stack([rays[row, col, 0] * z, rays[row, col, 1] * z, z], axis=1)
@@ -322,12 +322,12 @@ def _link_ring(
     for node in range(len(pixel)):
         row, col = np.int64(pixel[node, 0]), np.int64(pixel[node, 1])
         own, here_row, here_col = depth[row, col], row // step, col // step
-        for place in range(4):  # the other four places are the same edges from their other ends
+        for place in range(4):  # the other four places hold the same edges, seen from their other ends
             down, right = ring[place, 0], ring[place, 1]
             i, j = here_row + down, here_col + right
             if i < 0 or i >= rows or j < 0 or j >= cols or index[i, j] < 0:
                 continue
-            far = max(own, depth[i * step, j * step])  # the larger depth of both, so that the test is symmetric
+            far = max(own, depth[i * step, j * step])  # the larger of both depths, so that the test is symmetric
             limit = slope * far + spread * far * far
             last, whole = own, True
             for walk in range(1, step + 1):

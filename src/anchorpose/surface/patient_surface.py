@@ -2,8 +2,8 @@
 skin.
 
 If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped: it
-sees the skin at a slant or from farther away. Of these nodes, those within two grid steps of the kept nodes stay as a
-border; each node of the border is linked to the four corners of the other camera's grid cell in which it lies.
+sees the skin at a slant or from farther away. Nodes within two grid steps of the kept nodes are not dropped but stay as
+a border; each node of the border is linked to the four corners of the other camera's grid cell in which it lies.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_OFF_PLANE_M: Any = np.float32(0.015)
 MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 # m along the body, maximum distance between the skin points that two nodes on the same skin show, due to the spacing of
-# skin points; those of two thighs are farther apart
+# skin points; skin points of two different thighs are farther apart
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -41,7 +41,8 @@ def fuse(
     expected: ExpectedSkin | None = None,
     config: SurfaceConfig | None = None,
 ) -> Surface:
-    """Join all cameras' nodes to one surface, in the order given, without nodes that another camera sees better.
+    """Join all cameras' nodes to one surface, in the order of ``surfaces``, without nodes that another camera sees
+    better.
 
     surfaces: one per camera, each in the world frame, as from ``build_surface``. The field ``camera`` of the result is
     the index of the surface. expected: the skin to which ``skin`` of the surfaces refers; nodes that show skin far
@@ -153,7 +154,9 @@ def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool, nodes to keep: those not dropped, and dropped nodes at most two grid steps from one of them."""
+    """Return (n,) bool, nodes to keep: all nodes not dropped, and dropped nodes at most two grid steps from such a
+    node.
+    """
     stay = ~dropped
     for _ in range(2):
         stay = stay | np.append(stay, False)[ring].any(axis=1)
@@ -164,8 +167,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end. grid, camera: those of the other surface; eyes (2, 3)
-    float32: positions of the nodes' own camera and of the other camera.
+    """Compute ``_same_skin`` for the nodes from begin to end. grid, camera: grid and camera of the other surface; eyes
+    (2, 3) float32: positions of the nodes' own camera and of the other camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape

@@ -33,9 +33,10 @@ class SurfaceConfig:
     max_join_m: NotNegative = 0.10
     # pixels; smoothing in a window of 5x5 pixels (3 cm at 2.4 m) reduces errors of path lengths to about 1 %
     denoise_radius_px: Count = 2
-    # a pixel with fewer of its 8 neighbours on the same surface is dropped; on a fingertip 2 pixels wide, a pixel has 3
+    # a pixel with fewer of its 8 neighbours on the same surface is dropped; at a fingertip 2 pixels wide, pixels have 3
+    # such neighbours
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, maximum width of a bridged bar: that of a knee pad and its shadow; behind wider bars the skin is unknown
+    # m, maximum width of a bridged bar: a knee pad with its shadow is as wide; behind wider bars the skin is unknown
     bridge_max_width_m: NotNegative = 0.15
     # m, maximum distance of two cameras' nodes on the same skin: calibration errors plus half of a slanted mesh cell
     fusion_max_apart_m: Positive = 0.03
@@ -73,7 +74,7 @@ class Nodes:
 
 
 def join_nodes(parts: Sequence[Nodes]) -> Nodes:
-    """Return the nodes of all parts as one object, one part after another."""
+    """Return the nodes of all parts as one object, in the order of the parts."""
     nowhere = np.zeros((0, 3), np.float32)
     empty = Nodes(nowhere, nowhere, np.zeros(0, np.uint8), np.zeros((0, 2), np.int16))
     return Nodes(*(np.concatenate([getattr(one, name) for one in (empty, *parts)]) for name in Nodes.__slots__))
@@ -137,7 +138,7 @@ def seen_part(surface: Surface) -> Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMap:
-    """Distances along the skin between k sampled skin points of the body; they are valid in every pose."""
+    """Distances along the skin between k sampled skin points of the body; the distances are the same in every pose."""
 
     # (k, l) float32, geodesic distance of each point to l landmarks: the paper's descriptor (Definition 3) on the
     # complete body

@@ -65,12 +65,12 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """Return the sigma in s that errors of the segment's direction add to a clock offset that is found from the
-    movement between ``from_s`` and ``to_s``.
+    """Return a part of the sigma, in s, of a clock offset found from the movement between ``from_s`` and ``to_s``: the
+    part due to errors of the segment's direction.
 
     A segment that is tracked too far forward seems early while it moves forward, and late while it moves back. In a
-    movement forward and back, these errors of the offset cancel. They remain only if the last posture differs from the
-    first, for example after sitting down. The result is NaN if the segment's direction is unknown.
+    movement forward and back, these errors of the offset cancel. The errors remain only if the last posture differs
+    from the first, for example after sitting down. The result is NaN if the segment's direction is unknown.
     """
     time_s, _, axes = _motion(joints, segment)
     along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]

@@ -1,8 +1,8 @@
 """Find the clock of an inertial sensor: compare its signals with the tracked movement of the segment it is strapped to.
 
-The sensor's orientation on the segment (its mounting) is unknown. So for each time offset that is tried (lag), the best
-rotation of the sensor's axes to the segment's axes is found (Schönemann 1966, doi:10.1007/BF02289451); the correlation
-then does not depend on the mounting. The sensor's axes may be left-handed, and a single axis is enough.
+The sensor's orientation on the segment (its mounting) is unknown. So at each time offset that is tried (lag), the
+rotation that best maps the sensor's axes to the segment's axes is found (Schönemann 1966, doi:10.1007/BF02289451); the
+correlation then does not depend on the mounting. The sensor's axes may be left-handed, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ gyroscope of one sensor on the thigh gave clocks 10 ms apart, although each was 
 """
 
 ROUNDS: Final = 3
-"""Number of rounds in which clock and mounting are fitted in turn; both are nearly right after the first round."""
+"""Number of rounds in which clock and mounting are fitted in turn; both are nearly correct after the first round."""
 
 
 def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = None, has_gravity: bool = False) -> Clock:
@@ -58,7 +58,7 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
     ours (g, 3): signals of the tracked segment, along its axes; theirs (h, k), k from 1 to 3: signals of the sensor,
     along its axes. Units are arbitrary. near_s: an offset that is correct within half a second, None if unknown.
     has_gravity: whether both are accelerations of three axes. Raises NoCommonMovement if the best offset explains too
-    little of the movement, or another offset explains as much of it.
+    little of the movement, or if another offset explains as much of the movement.
     """
     r, overlap = rotated_correlations(ours.values[::COARSE], theirs.values[::COARSE])
     clock = starting_clock(*offset_of_peak(ours, theirs, r, overlap, LEAST_OVERLAP_S, near_s))
@@ -100,22 +100,22 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values less their mean, 0 in rows with a NaN; and (n,): 0.0 for such rows, 1.0 for others."""
+    """Return the values less their mean, 0 in rows with a NaN; and (n,): 0.0 for these rows, 1.0 for other rows."""
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)
 
 
 def _sums(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return for each lag (n + m - 1,) the sum, over the samples that this lag pairs, of the products ``first *
-    second``.
+    """Return, for each lag (n + m - 1,), the sum of the products ``first * second`` over the samples that this lag
+    pairs.
     """
     return np.asarray(correlate(second, first, method="fft"))
 
 
 def _mounting(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, float]:
-    """Return the matrix (k, 3), a rotation times a scale, that turns the sensor's values to the segment's axes and
-    unit, and the correlation after this rotation.
+    """Return the matrix (k, 3), a rotation times a scale, that maps the sensor's values to the segment's axes and unit;
+    and the correlation after this rotation.
 
     clock: a clock that is nearly correct. Raises NoCommonMovement if the two signals have no time in common.
     """
@@ -135,7 +135,7 @@ def _mean_misfit(ours: Signals, turned: Signals, clock: Clock) -> float:
 
 def _in_common(ours: Signals, theirs: Signals, clock: Clock) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of the segment (c, 3) and of the sensor (c, k) at the times when both are known; raises
-    NoCommonMovement if there are none.
+    NoCommonMovement without such times.
     """
     at_s = clock.reference_time_s(ours.time_s)
     found = np.stack([np.interp(at_s, theirs.time_s, y, np.nan, np.nan) for y in theirs.values.T], axis=1)

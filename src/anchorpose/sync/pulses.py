@@ -1,4 +1,4 @@
-"""Find another device's clock from pulses that both devices recorded, by matching their onsets."""
+"""Find another device's clock from pulses that both devices recorded, by matching the pulses' onsets."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ at even intervals, so that many offsets match.
 """
 
 LEAST_PULSES: Final = 3
-"""Minimum number of matched pulses if the offset is unknown: two pulses of one file are often by chance as far apart as
-two of the other.
+"""Minimum number of matched pulses if the offset is unknown: two pulses in one file are often, by chance, as far apart
+as two pulses in the other file.
 """
 
 ANCHORS: Final = 20
 """Number of onsets on the recording's clock that are each paired with every onset of the other file, to get the offsets
-to try. One would not suffice, since its pulse may be missing in the other file.
+to try. A single onset would not suffice, since its pulse may be missing in the other file.
 """
 
 TOLERANCE_S: Final = 0.02
@@ -39,7 +39,7 @@ too evenly spaced to decide between the two offsets.
 """
 
 LEAST_SIGMA_S: Final = 0.001
-"""Minimum standard deviation of an onset in s: that of a random time between two samples at 300 Hz."""
+"""Minimum standard deviation of an onset in s: the value for a random time between two samples at 300 Hz."""
 
 ROUNDS: Final = 5
 """Number of rounds in which the clock's drift and the sigma of the onsets are fitted in turn."""
@@ -53,8 +53,8 @@ extreme within pulses (1).
 def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the times (p,) at which pulses begin in a signal with values (n,) at times (n,); NaN values are left out.
 
-    The rarer of the signal's two levels is the pulse, so pulses may also be negative. An onset is the time at which the
-    signal crosses the mean of its lowest and its highest value, interpolated linearly between two samples.
+    The rarer of the signal's two levels is the pulse, so pulses may also be negative. An onset is the time,
+    interpolated linearly between two samples, at which the signal crosses the mean of its lowest and its highest value.
     """
     known = np.isfinite(values)
     times, heights = time_s[known], values[known]
@@ -76,7 +76,7 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
     """Find the other device's clock; return it and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing
     onsets of the pulses on the recording's clock and on the other clock.
 
-    near_s: an offset that is right within half a second, None if unknown. Raises NoCommonMovement if too few pulses
+    near_s: an offset that is correct within half a second, None if unknown. Raises NoCommonMovement if too few pulses
     match, or another offset matches nearly as many.
     """
     if not len(ours_s) or not len(theirs_s):
@@ -110,8 +110,8 @@ def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) 
 def _matched(
     ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, anchor_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (k,) into ours_s and (k,) into theirs_s of onsets that match with an offset. The tolerance
-    grows with the time from ``anchor_s``, at which the offset holds, since clocks drift.
+    """Return the indices (k,) into ours_s and (k,) into theirs_s of the onsets that match if the clocks differ by
+    ``offset_s``. The tolerance grows with the time from ``anchor_s``, at which the offset holds, since clocks drift.
     """
     within_s = TOLERANCE_S + 2.0 * DRIFT_SIGMA * np.abs(ours_s - anchor_s)
     found = nearest_within(ours_s + offset_s, theirs_s, within_s)

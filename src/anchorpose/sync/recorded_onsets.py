@@ -45,7 +45,7 @@ def _times(path: Path) -> np.ndarray:
 
 
 def _events(path: Path, kind: str | None) -> np.ndarray:
-    """Return the onsets in an events.tsv, of one trial_type or of all."""
+    """Return the onsets in an events.tsv, of the rows with one trial_type or of all rows."""
     lines = [line.split("\t") for line in read_text(path, LARGEST_TABLE).splitlines() if line.strip()]
     head = [name.strip() for name in lines[0]] if lines else []
     if not {"onset", "trial_type"} <= set(head):
@@ -70,7 +70,7 @@ def _number(path: Path, text: str) -> float:
 
 
 def first_frame_s(results: Path, joints: JointTable) -> float:
-    """Return the recording's start time on the clock of its first camera; raises InputError if it is unknown."""
+    """Return the recording's start time on the clock of its first camera; raises InputError if this time is unknown."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return float(run["recorded"]["first_s"])

@@ -1,4 +1,4 @@
-"""Hold the signals of another device with their times, as they are in its file, and find signals by name."""
+"""Hold the signals of another device and their times as in the device's file, and find signals by name."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class OtherFile:
 
     def take(self, wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return the times (n,) of the wanted channels and their values (n, wanted); raises InputError unless one
-        stream has all of them.
+        stream has all wanted channels.
         """
         found = [self._place(name) for name in wanted]
         if len({place for place, _ in found}) > 1:
@@ -85,7 +85,7 @@ class OtherFile:
 
 
 def checked(path: Path, stream: Stream) -> Stream:
-    """Return the stream; raises InputError if its times cannot be those of a recording, or it has no values."""
+    """Return the stream; raises InputError if its times are impossible for a recording, or if it has no values."""
     where = f" of {stream.name}" if stream.name else ""
     if len(stream.time_s) < 2:
         raise InputError(path, f"has {len(stream.time_s)} samples{where}", "give the file of a movement")
@@ -118,7 +118,7 @@ def distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 def usable(path: Path, streams: Iterable[Stream], markers: Sequence[Markers], notes: Sequence[str]) -> OtherFile:
     """Return the file with the streams that ``checked`` accepts, and a note on each other stream; raises InputError if
-    it has neither such a stream nor markers.
+    the file has neither a usable stream nor markers.
     """
     kept, left_out = list[Stream](), list[InputError]()
     for stream in streams:

@@ -35,8 +35,8 @@ SIGNALS_FILE: Final = "signals.parquet"
 SYNC: Final = FolderKind("a synchronisation", (CLOCK_FILE,), (CLOCK_FILE, JOINTS_FILE, SIGNALS_FILE, EVENTS_FILE))
 
 SEVERAL: Final = 2.0
-"""Minimum number of a signal's samples per frame for which it is averaged over the time of each frame; with fewer, it
-is interpolated.
+"""Minimum number of samples per frame at which a signal is averaged over the time of each frame; with fewer samples,
+the signal is interpolated.
 """
 
 
@@ -113,7 +113,7 @@ def signal_table(found: Synchronised) -> pa.Table:
 
 def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and root mean square (m, k) of a stream's samples within half of ``step_s`` of each time (m,); NaN
-    where there are none.
+    without samples.
     """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)

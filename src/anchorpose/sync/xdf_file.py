@@ -21,7 +21,7 @@ REMEDY: Final = "give a file that LabRecorder or another program has written as 
 
 def read_xdf(path: Path) -> OtherFile:
     """Read streams of numbers as signals, and streams of texts as markers. Times are corrected by the clock offsets
-    that the file has. Raises InputError if it is not XDF or is empty, MissingPackage if pyxdf is missing.
+    that the file has. Raises InputError if the file is not XDF or is empty, MissingPackage if pyxdf is missing.
     """
     try:
         import pyxdf

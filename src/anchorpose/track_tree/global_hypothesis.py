@@ -1,5 +1,5 @@
-"""Match surface nodes of one frame with those of the next by the best branches of a track tree over two to four frames,
-and make constraints on the pose from the matches (paper, Section IV).
+"""Match surface nodes of one frame with nodes of the next frame, by the best branches of a track tree over two to four
+frames, and make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: G
     """Return the matcher from a frame's nodes to nodes of the next frame: one column per subset of the anchors that
     were found in both frames.
 
-    Five anchors in subsets of three give ten columns. If there are fewer anchors than a subset needs, one subset has
-    all of them; without anchors there are no columns.
+    Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, one subset has
+    all of them; without anchors, the matcher has no columns.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)
@@ -112,8 +112,8 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return matches and costs, one array per level: for the chosen nodes, then for the nodes that their matches reach,
-    and so on.
+    """Return matches and costs, one array per level: for the chosen nodes in the first frame, for the matched nodes in
+    the next frame, and so on.
     """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
@@ -162,7 +162,7 @@ def skin_places(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> np.ndarray:
     """Return (m, 3) the target of the skin point beside each node: the place of the node's match, shifted along the
-    skin by the offset from the node to the skin point. NaN if the node's match is missed.
+    skin by the offset from the node to the skin point. The target is NaN if the node's match is missed.
 
     The offset perpendicular to the skin is not kept, so a body that has drifted off the surface is pulled back.
     """

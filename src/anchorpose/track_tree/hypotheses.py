@@ -1,5 +1,5 @@
-"""Make hypotheses, one per subset of the anchors: the place where a node may be in the next frame (paper, Section IV,
-track tree construction).
+"""Make hypotheses on where each node is in the next frame, one per subset of the anchors (paper, Section IV, track tree
+construction).
 
 The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
 V). The descriptor of a node is its geodesic distances to the anchors.
@@ -30,15 +30,15 @@ class Feature(StrEnum):
 
 @settings
 class HypothesisConfig:
-    """Settings of how hypotheses are made."""
+    """Settings for making hypotheses."""
 
     feature: Feature = Feature.GEODESIC
     # N_S, number of anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all in one hypothesis
     subset_size: Count = 3
     # whether every frame is matched with the next frames, as in the paper; False = match no frames
     always: bool = False
-    # whether distances that a hole in the surface lengthens are left out; False = they are kept, as in the paper, which
-    # relies on subsets of other anchors
+    # whether distances that are lengthened by a hole in the surface are left out; False = they are kept, as in the
+    # paper, which relies on subsets of other anchors
     trusted_only: bool = True
 
 
@@ -48,8 +48,8 @@ class GateConfig:
     (e_1) and surface noise (e_2) can cause.
     """
 
-    # e_1, m, for anchor jitter; the gate is then 3 cm at 1 m from an anchor; the paper's 5 cm made matches worse by a
-    # quarter
+    # e_1, m, for anchor jitter; with both terms, the gate is 3 cm at 1 m from an anchor; the paper's 5 cm made matches
+    # worse by a quarter
     anchor_bound_m: NotNegative = 0.020
     # e_2, m per m of path to the anchor, for the geodesic noise that is left after smoothing
     surface_bound_per_m: NotNegative = 0.010
@@ -68,8 +68,8 @@ class Hypotheses:
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
     """Return S_A,m: all subsets with ``size`` of the found anchors, as rows of anchor indices in ascending order.
 
-    found (5,) bool: anchors found in both frames. Return (C(N_A, size), size) int64. If fewer anchors than ``size``
-    were found, one subset has all of them; without anchors the result is a (0, size) array.
+    found (5,) bool: anchors found in both frames. Return an int64 array (C(N_A, size), size). If fewer anchors than
+    ``size`` were found, one subset has all of them; without anchors the result is a (0, size) array.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -83,7 +83,7 @@ def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig)
     """Return e_max (m, s) float32 in metres for every node and subset of anchors (paper, Section V).
 
     descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
-    anchors. It is NaN or inf if a distance is missing or unreachable: an unknown distance has no bound.
+    anchors. The bound is NaN or inf if a distance is missing or unreachable: an unknown distance has no bound.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance
@@ -126,9 +126,9 @@ def match_hypotheses(
 
 
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
-    """Match each node by position: to the nearest node of the target within ``search_radius_m``, else it is missed.
+    """Match each node with the nearest node of the target within ``search_radius_m``; without one, the match is missed.
 
-    No anchors are used, so there is one subset, which is empty.
+    No anchors are used, so the only subset is empty.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):

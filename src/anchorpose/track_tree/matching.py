@@ -24,7 +24,7 @@ class Balls(NamedTuple):
     radius: float
     low: np.ndarray  # (m, 3) int64, the first voxel along each axis that the ball touches
     high: np.ndarray  # (m, 3) int64, the last voxel along each axis; -1 in column 0 if the ball touches no voxel
-    order: np.ndarray  # (m,) int64, the source nodes, those with equal ``low`` and ``high`` one after another
+    order: np.ndarray  # (m,) int64, the source nodes, sorted so that nodes with equal ``low`` and ``high`` are adjacent
 
 
 class Scratch(NamedTuple):
@@ -110,7 +110,7 @@ def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out:
     """Fill ``scratch.psi`` with the indices in ``scratch.spots`` of the target nodes that may be within the gate of any
     subset; return the number of these nodes.
 
-    source (5,) float32: distances of the source node to the anchors; largest: its largest squared gate.
+    source (5,) float32: distances of the source node to the anchors; largest: the node's largest squared gate.
     """
     close, psi = scratch.close, scratch.psi
     close[:laid_out] = 0
@@ -203,7 +203,7 @@ def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, or
 
 @njit(cache=True)
 def _beyond(points: np.ndarray, spot: int, balls: Balls, node: int) -> bool:
-    """Return whether a target node lies outside the ball of a source node."""
+    """Return whether the target node at ``spot`` lies outside the ball of a source node."""
     distance2 = 0.0
     for axis in range(3):
         distance2 += (np.float64(points[spot, axis]) - np.float64(balls.centres[node, axis])) ** 2

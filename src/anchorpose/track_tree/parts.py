@@ -19,31 +19,32 @@ from anchorpose.camera import transform_points
 from anchorpose.rotations import COLLINEAR_RATIO, ONE_PLACE_M2, rotate, rotation_matrices
 from anchorpose.surface.surface import Nodes
 
-# minimum number of pairs (a skin point and its place in the next frame) to fit a part's motion; with fewer, the motion
-# follows the noise of single nodes
+# minimum number of pairs (a skin point and its place in the next frame) to fit a part's motion; with fewer pairs, the
+# motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
-PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each; after five, a fit hardly changes
-# m, minimum for the residual that halves a pair's weight (otherwise the median residual): the spacing of nodes, since
-# pairs with smaller residuals fit equally well
+PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five, fits hardly change
+# m, minimum of the residual at which a pair's weight is halved (otherwise the median residual): the spacing of nodes,
+# since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
-# rad and m, sigma of a part's rotation and shift in one ICP step, so that it does not slide where no node constrains it
+# rad and m, sigma of a part's rotation and shift in one ICP step, so that a part does not slide where no node
+# constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and node: excludes a limb's other side
+ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and node: excludes the far side of a limb
 
 
 @njit(cache=True)
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> None:
-    """Fit a motion to the pairs of each part that has enough, and replace the predicted motion in transforms (k, 4, 4)
-    by it.
+    """Fit a motion to the pairs of each part that has enough pairs; this motion replaces the predicted motion in
+    transforms (k, 4, 4).
 
     skin_m, matched_m (n, 3) float64, metres: the skin point of each pair, and its place in the next frame. robust:
-    whether pairs are weighted by their residuals, at first those after the predicted motion, so that mismatches have
-    little influence (``_weigh``).
+    whether pairs are weighted by their residuals (first by the residuals after the predicted motion), so that
+    mismatches have little influence (``_weigh``).
     """
     for k in range(len(transforms)):
         source, target = skin_m[start[k] : start[k + 1]], matched_m[start[k] : start[k + 1]]
@@ -119,10 +120,10 @@ def plane_steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Take one step of point-to-plane ICP for each part.
 
-    Return the step (k, 6), a rotation about the part's centre and a translation, NaN if too few nodes are near; and the
-    centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this node is within
-    reach. The plane's normal is the mean of the normals of skin point and node, as in ``surface_constraints``. Parts do
-    not move in directions that no node constrains.
+    Return each part's step (k, 6), a rotation about the part's centre and a translation, NaN if too few nodes are near;
+    and the part's centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this
+    node is within reach. The plane's normal is the mean of the normals of skin point and node, as in
+    ``surface_constraints``. Parts do not move in directions that no node constrains.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)
@@ -181,7 +182,7 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
 
 
 ITERATIONS: Final = 5  # number of iterations of ICP, after the parts were fitted to the matches
-REACH_M: Final = 0.06  # m, maximum distance of a node from a part's skin: a limb's radius; beyond are other limbs
+REACH_M: Final = 0.06  # m, maximum distance of a node from its part's skin: a limb's radius
 
 
 def register_parts(

@@ -1,6 +1,7 @@
 """Search the track tree, for each node, for the branch that is nearest to the prediction (paper, Section IV).
 
-A branch is a chain of hypotheses over N_Tr frames: a node of each frame that may show the same place of the skin.
+A branch is a chain of hypotheses over N_Tr frames: it has one node per frame, and all of them may show the same place
+on the skin.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ class TreeConfig:
 
     # m, cost of each frame without a match: twice the paper's bound on an anchor's error
     missed_cost_m: Positive = 0.10
-    # maximum number of branches visited in the tree of one node, then the tree is pruned; searches without this limit
-    # visited fewer than 50 for each of 3650 nodes with ten noisy subsets
+    # maximum number of branches visited in the tree of one node; then the tree is pruned. Searches without this limit
+    # visited fewer than 50 branches for each of 3650 nodes with ten noisy subsets
     max_branches: Count = 200
 
 
@@ -33,7 +34,7 @@ class Support(IntEnum):
     MATCHED = 0  # the place is a hypothesis on the best branch
     TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from it
     NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
-    UNKNOWN = 3  # the place is unknown, since there is no prediction to choose a branch by
+    UNKNOWN = 3  # the place is unknown, since a branch cannot be chosen without a prediction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,10 +65,10 @@ def best_branches(
     dissimilarity of the two nodes; None = nothing is added.
 
     A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
-    also end at this cost although it has children. The search is branch and bound: children are visited in order of
-    distance, and a branch is left as soon as it costs at least as much as the best one found. So the optimum is exact
-    unless the tree is pruned. Of branches with equal costs, the one of the first subset is taken. Raises ValueError if
-    the shapes do not fit or a match points outside its surface.
+    also end at this cost although its last node has children. The search is branch and bound: children are visited in
+    order of distance, and a branch is left as soon as it costs at least as much as the best one found. So the optimum
+    is exact unless the tree is pruned. Among branches with equal costs, the branch of the first subset is taken. Raises
+    ValueError if the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -128,7 +129,8 @@ def _children(
     """List the different children of a node by increasing distance from ``target`` plus extra cost (insertion sort,
     stable); return the number of children.
 
-    If several subsets lead to the same child, the cheapest counts; if they cost the same, the first of these subsets.
+    If several subsets lead to the same child, the subset with the least cost counts; among equal costs, the first
+    subset.
     """
     count = 0
     for s in range(len(row)):

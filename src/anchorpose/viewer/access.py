@@ -1,4 +1,6 @@
-"""Control who may use a page's server: only the page that this program opened, with a limited number of connections."""
+"""Control the access to a page's server: only the page that this program opened may use it, with a limited number of
+connections.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ class Guard:
     """The rule that decides which requests are served.
 
     The token must be the first part of every path. If the server listens on loopback, the Host header must also be a
-    loopback name: a request from another site whose name points to this machine (DNS rebinding) states the name of that
-    site. A request that changes something must come from the page.
+    loopback name: a request from another site whose name points to this machine (DNS rebinding) has the name of that
+    site in the header. A request that changes something must come from the page.
     """
 
     token: str
@@ -42,8 +44,8 @@ class Guard:
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request that changes something was made by the page of this server: browsers state the
-        origin of a request, and send JSON from another site's page only if the server permits it, which this one never
-        does.
+        origin of a request. They send JSON from another site's page only if the server permits it, and this server
+        never does.
         """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
@@ -73,7 +75,7 @@ def is_loopback(host: str) -> bool:
 
 
 MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
-MOST_PER_CLIENT: Final = 24  # most open connections per client address: four browser windows, six connections each
+MOST_PER_CLIENT: Final = 24  # maximum number of connections per client address: four browser windows with six each
 CLOSING_S: Final = 1.0  # s, maximum time that a connection may take to close after it was shut down
 
 
@@ -86,8 +88,8 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. If there are too many, the oldest connection that has not sent the token is closed for a
-    new one.
+    """The open connections. If there are too many, the oldest connection that has not sent the token is closed, so that
+    a new connection can be opened.
     """
 
     def __init__(self) -> None:
@@ -119,8 +121,8 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return an empty list if there is space for a new connection from ``client``; else the open connections of
-        which one must be closed first.
+        """Return an empty list if there is space for a new connection from ``client``; otherwise the open connections,
+        one of which must be closed first.
         """
         if len(self._open) >= MOST:
             return self._open

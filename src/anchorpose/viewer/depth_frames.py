@@ -23,8 +23,8 @@ from anchorpose.surface.mesh import build_surface, faces
 
 
 def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> tuple[Clock, ...]:
-    """Return the clock of each camera, in the order of the names, from the run.json at ``path``; raises InputError if
-    it lacks one.
+    """Return the clock of each camera, in the order of the names, from the run.json at ``path``; raises InputError if a
+    clock is missing.
     """
     clocks = {camera["name"]: camera.get("clock") for camera in run["cameras"]}
     if not all(clocks.get(camera) for camera in cameras):
@@ -32,7 +32,7 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# number of pixels to each side over which the slope at a pixel is computed (both sides: about 5 cm at 2 m); over fewer
+# number of pixels on each side from which the slope at a pixel is computed (both sides: about 5 cm at 2 m); with fewer
 # pixels, noise would be visible
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
@@ -56,7 +56,7 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
-    """Return the change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where unknown."""
+    """Return the change of depth over ``2 * REACH_PX`` pixels along an axis; 0 where it is unknown."""
     before, after = np.roll(depth_m, REACH_PX, axis), np.roll(depth_m, -REACH_PX, axis)
     change = after - before
     known = (before > 0) & (after > 0) & (np.abs(change) < JUMP_M)
@@ -67,7 +67,7 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
 
 
 UNLABELLED: Final = 255
-"""Label of all pixels if there is no people.parquet."""
+"""Label of all pixels of results without a people.parquet."""
 
 ROOM_STEP: Final = 3
 """Step in rows and columns at which pixels of the room are sent to the page, which is fine enough for orientation."""
@@ -101,8 +101,8 @@ class DepthFrames:
         sentences on problems.
 
         Coarse grids come first (every eighth row and column, then every fourth, then every second, then all), so that a
-        slow page may draw only a part. The look is 256 times ``shade`` plus the label. position: row of the results'
-        frames. room: whether to include a part of the room's pixels.
+        slow page may draw only a part. The look is 256 times the brightness from ``shade``, plus the label. position:
+        row of the results' frames. room: whether to include a part of the room's pixels.
         """
         found, problems = list[np.ndarray](), list[str]()
         for number, camera in enumerate(self.cameras):
@@ -118,8 +118,8 @@ class DepthFrames:
         """Return the patient's surface as the cameras see it: vertices (v, 3), world, metres, faces (f, 3) int32; empty
         without labels.
 
-        It consists of one mesh per camera, as ``surface.mesh`` makes it. Unlike in tracking, the meshes are neither cut
-        where parts of the body touch nor joined to one surface.
+        The surface consists of one mesh per camera, as ``surface.mesh`` makes it. Unlike in tracking, the meshes are
+        neither cut where parts of the body touch nor joined to one surface.
         """
         vertices, triangles, count = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.int32)], 0
         for number, camera in enumerate(self.cameras):
@@ -136,7 +136,7 @@ class DepthFrames:
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
         """Return the point (3,), metres, world, of the person whom a pixel shows; or None and the reason, for the user.
 
-        Without labels, a point on anything is accepted; ``track`` later checks whether a person is there. Raises
+        Without labels, a point on any surface is accepted; ``track`` later checks whether a person is there. Raises
         ValueError for a camera or a pixel that does not exist.
         """
         names = [one.name for one in self.cameras]
@@ -163,7 +163,7 @@ class DepthFrames:
         return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """Return the depth image in metres and an empty text, or None and the reason why there is none."""
+        """Return the depth image in metres and an empty text, or None and the reason why the image is missing."""
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -183,7 +183,7 @@ class DepthFrames:
 
 
 def open_depth_frames(folder: Path, results: Path, run: dict[str, Any], frame: np.ndarray) -> DepthFrames:
-    """Open the recording from which the results were made; raises InputError if it is another recording.
+    """Open the recording from which the results were made; raises InputError if the folder holds another recording.
 
     frame (n,): the numbers of the results' frames.
     """

@@ -1,5 +1,5 @@
-"""Provide a small web server for a page of this program: HTTP, access control, the files of the page, and opening the
-browser.
+"""Provide a small web server for a page of this program, with access control and the files of the page, and open the
+page in the browser.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
 MOST_BYTES: Final = 64 * 1024  # bytes, maximum content of a request; a correction has some hundred bytes
 IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
-PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time is treated as disconnected
+PATIENCE_S: Final = 120.0  # s; if a browser reads nothing of an answer for this time, it counts as disconnected
 
 
 BYTES: Final = "application/octet-stream"
@@ -74,12 +74,12 @@ class GuardedServer(ThreadingHTTPServer):
     """A server that listens as soon as it is made, and answers in ``serve_forever``.
 
     address: the address to open; page: the name of the page that the address shows; program: name of the command that
-    printed the address, for the message to clients without the token. Raises AnchorposeError if it cannot listen on
-    ``host`` and ``port``.
+    printed the address, for the message to clients without the token. Raises AnchorposeError if the server cannot
+    listen on ``host`` and ``port``.
     """
 
     daemon_threads = True
-    # number of connections that may wait to be accepted; if there are more, a browser tries again after a second
+    # number of connections that may wait to be accepted; if more wait, a browser tries again after a second
     request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]
@@ -120,7 +120,7 @@ class GuardedServer(ThreadingHTTPServer):
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """A handler that sends the files of the page to clients with the token; subclasses answer all other requests in
+    """A handler that sends the files of the page to clients with the token; subclasses answer requests for data in
     ``answer_get``.
     """
 
@@ -133,7 +133,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         super().handle_one_request()
 
     def do_GET(self) -> None:
-        """Answer with the page's file of the requested name; if there is no such file, ``answer_get`` answers."""
+        """Answer with the page's file of the requested name; without such a file, ``answer_get`` answers."""
         name = self.admitted()
         if name is None:
             return
@@ -167,8 +167,8 @@ class GuardedHandler(BaseHTTPRequestHandler):
         raise KeyError(name)
 
     def answer(self, make: Callable[[], Response]) -> None:
-        """Send the return value of ``make``. If it raises KeyError, refuse the request as unknown; if it raises
-        AnchorposeError, ValueError, TypeError or OSError, refuse it with the error's sentence.
+        """Send the return value of ``make``. If ``make`` raises KeyError, refuse the request as unknown; if it raises
+        AnchorposeError, ValueError, TypeError or OSError, refuse the request with the error's sentence.
         """
         try:
             response = make()
@@ -201,7 +201,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers. more: headers in addition to the headers of every answer."""
+        """Send status and headers. more: headers in addition to those that every answer has."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():
@@ -232,8 +232,8 @@ def _object(text: bytes) -> dict[str, Any]:
 
 @cache
 def load_assets() -> dict[str, Response]:
-    """Return the files of the pages by their names in the address. They are read beforehand, so no part of an address
-    ever becomes a path on the disk.
+    """Return the files of the pages by their names in the address. The files are read beforehand, so no part of an
+    address ever becomes a path on the disk.
     """
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 

@@ -1,5 +1,5 @@
 """Compute, in a separate process, where each node of the patient's surface may be in the next frame (its hypotheses).
-This takes some seconds to a minute, so it is done only if the user asks for it.
+This takes some seconds to a minute, so hypotheses are computed only if the user asks for them.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ class WorkStatus:
 
 
 class HypothesisWorker:
-    """A worker that computes hypotheses of one frame at a time; starting another frame cancels the work under way."""
+    """A worker that computes hypotheses of one frame at a time; starting with another frame cancels the present
+    computation.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -75,7 +77,7 @@ class HypothesisWorker:
         context = multiprocessing.get_context("spawn")  # forking would copy locks that threads of the server hold
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # so that cancel finds either a started process or none
+        with self._lock:  # so that ``cancel`` finds either a started process or no process
             process.start()
             self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)
@@ -111,11 +113,11 @@ def hypotheses_of(
     the anchors (extrema of the body's surface), distances to its anchors give one match per node.
 
     Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    index of the subset whose match the track tree (the node's matches over several frames) chose, -1 if it chose none;
-    asked (m,) uint8: 1 if this tree was searched for the node. meta: subsets [[anchor names]]; frames [this, next].
-    tick: called for each frame read.
+    index of the subset whose match the track tree (the node's matches over several frames) chose, -1 without a choice;
+    asked (m,) uint8: 1 if the track tree was searched for the node. meta: subsets [[anchor names]]; frames [this,
+    next]. tick: called for each frame read.
     """
-    # importing the tracker takes a second, so only the process that needs it does
+    # importing the tracker takes a second, so only this process imports it
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.inspection import inspect_frame
 

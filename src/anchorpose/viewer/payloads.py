@@ -1,5 +1,5 @@
-"""Pack the data that the page fetches as bytes: an overview of all frames; tables, points and surfaces of some frames
-at a time; the body.
+"""Pack the data that the page fetches as bytes: an overview of all frames; tables, points and surfaces of a few frames
+per request; the body.
 
 Arrays are sent together: first a short JSON head with each array's position, then the arrays.
 """
@@ -33,7 +33,7 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     multiple of ``ALIGNED``.
 
     The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
-    of ``ALIGNED`` after the head. Raises ValueError for a type that no array of a browser has.
+    of ``ALIGNED`` after the head. Raises ValueError for a number type that browsers' arrays do not have.
     """
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     entries, start = [], 0
@@ -112,9 +112,8 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 def curves_payload(review: Review, first: int, count: int) -> bytes:
     """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
 
-    The points of all angles come one angle after the other, each in the order of time. start (a + 1,) int32: where each
-    angle's points begin. row (m,) int32: row of each point in the results; degrees and sigma (m,) float32, state (m,)
-    uint8: the values in that row.
+    Points are ordered by angle, then by time. start (a + 1,) int32: where each angle's points begin. row (m,) int32:
+    row of each point in the results; degrees and sigma (m,) float32, state (m,) uint8: the values in that row.
     """
     frames = len(review.joints.frame)
     rows, table = _rows(frames, first, count, frames), review.angles
@@ -142,8 +141,8 @@ disappears.
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
-    """Return, for each angle, the rows of the arrays (n, angles) to draw, in ascending order; all rows if they are
-    few.
+    """Return, for each angle, the rows of the arrays (n, angles) to draw, in ascending order; all rows if the arrays
+    have few.
     """
     count, angles = degrees.shape
     size = count // INTERVALS  # number of frames in an interval
@@ -210,13 +209,16 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Return the rows from ``first`` on; raises ValueError for rows that do not exist, or for more than ``most``."""
+    """Return the slice of ``count`` rows from ``first`` on; raises ValueError for rows that do not exist, or for more
+    than ``most``.
+    """
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
 
 
-# number of bones that the page lets move each vertex of the body; with all bones, a vertex would shift by 5 mm at most
+# number of bones that move each vertex of the body in the page; the use of all bones would shift a vertex by at most 5
+# mm
 INFLUENCES: Final = 4
 
 

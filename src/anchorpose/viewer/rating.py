@@ -1,4 +1,4 @@
-"""Serve the page for blinded raters: it shows trials in random order, and nothing that reveals their condition or
+"""Serve the page for blinded raters, which shows trials in random order, and nothing that reveals their condition or
 number.
 
 The page gets the trials, in the order shown, as a single recording, whose frame numbers and times begin at 0. So no
@@ -133,7 +133,7 @@ class ScoreFile:
 
 
 class RatingApi(ReviewApi):
-    """The answers to requests of the page for raters; none states a condition or the number of a trial."""
+    """The answers to requests of the page for raters; no answer states a condition or the number of a trial."""
 
     def __init__(self, blinded: Blinded, scores: ScoreFile) -> None:
         super().__init__(blinded.review)
@@ -162,8 +162,8 @@ class RatingServer(ReviewServer):
 def open_rating(results: Path, recording: Path | None, rater: str, host: str, port: int) -> RatingServer:
     """Return a server that listens; the scores go to the file ``ratings_beside`` the results folder.
 
-    Raises InputError if results, recording or scores cannot be used or there are no trials, AnchorposeError if it
-    cannot listen on ``host`` and ``port``.
+    Raises InputError if results, recording or scores cannot be used or the results have no trials, AnchorposeError if
+    the server cannot listen on ``host`` and ``port``.
     """
     initials = require_initials(results, rater)
     review = open_review(results, recording)
@@ -195,7 +195,7 @@ def _trials_of(results: Path, review: Review) -> Trials:
 
 
 def _shown(results: Path, trials: Trials, review: Review) -> list[int]:
-    """Return the numbers of the trials that have at least two tracked frames; raises InputError if no trial has."""
+    """Return the numbers of the trials that have at least two tracked frames; raises InputError if no trial has two."""
     parts = {trial.number: trial_rows(trial, review.joints.time_s) for trial in trials.rows}
     found = [number for number, part in parts.items() if part.stop - part.start >= LEAST_FRAMES]
     if not found:

@@ -1,6 +1,7 @@
-"""Provide the data that the viewer shows: tables, recording, the frames to check first, and the file of corrections.
+"""Provide the data that the viewer shows: the tables, the recording, the frames that users should check first, and the
+file of corrections.
 
-Only one program at a time may change corrections; a lock file beside the file ensures this.
+Only one program at a time may change corrections; a lock file beside the file of corrections ensures this.
 """
 
 from __future__ import annotations
@@ -96,8 +97,8 @@ def _if_there(table: FrameTable[Any], results: Path) -> Any:
 
 
 def describe(review: Review) -> dict[str, Any]:
-    """Return what the viewer's page needs before it shows a frame, for JSON. The ``position`` of a frame listed in
-    "worst" or "unexplained" is its row in the results.
+    """Return the data that the viewer's page needs before it shows a frame, for JSON. The ``position`` of a frame
+    listed in "worst" or "unexplained" is its row in the results.
     """
     return {
         **describe_scene(review),
@@ -119,7 +120,7 @@ def describe(review: Review) -> dict[str, Any]:
 
 
 def describe_scene(review: Review) -> dict[str, Any]:
-    """Return what any page needs to draw the frames of a review, without any result of tracking."""
+    """Return the data that every page needs to draw the frames of a review, without results of tracking."""
     depth_frames = review.depth_frames
     return {
         "frames": len(review.joints.frame),
@@ -163,7 +164,7 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
     return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-APART_S: Final = 1.0  # s, minimum time between two listed frames; closer frames show the same situation
+APART_S: Final = 1.0  # s, minimum time between two listed frames; frames nearer in time show the same situation
 MOST_OF_A_KIND: Final = 12  # maximum number of listed frames with the same kind of reason
 FEW_MATCHED: Final = 0.9  # share of matched surface points below which a frame is listed; good recordings: 0.95 to 1
 
@@ -178,7 +179,9 @@ class WorstFrame:
 
 
 def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
-    """Return the moments at which the pose fits the depth images worst, as in run.json and the report; worst first."""
+    """Return the moments at which the pose fits the depth images worst, as in run.json and the report; the worst comes
+    first.
+    """
     rows = {int(number): row for row, number in enumerate(table.frame)}
     return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
 
@@ -186,10 +189,11 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 def worst_frames(
     joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
-    """Return frames to check: those with lost joints first, then with unusable depth images, few matches, large sigma.
+    """Return frames to check: first frames with lost joints, then with unusable depth images, few matches, large sigma.
 
-    matched_share (n,): as in ``Review``. Unusable depth images come in the order of ``dropped``. Of each other kind,
-    the worst frame comes first, then the worst frame that is at least a second away from it, and so on.
+    matched_share (n,): as in ``Review``. Frames with unusable depth images come in the order of ``dropped``. For each
+    other kind of reason, the worst frame comes first, then the worst frame that is at least a second away from it, and
+    so on.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -230,8 +234,8 @@ POLL_S: Final = 0.005
 def locked(path: Path) -> Iterator[None]:
     """Keep out other threads and programs that lock the same file until the block ends.
 
-    The operating system holds the lock, so that a program that dies leaves no lock behind; the empty lock file stays.
-    Raises InputError if another program holds it for ``PATIENCE_S``, or if no lock is possible.
+    The operating system holds the lock, so a program that crashes leaves no lock behind; the empty lock file stays.
+    Raises InputError if another program holds the lock for ``PATIENCE_S``, or if no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:
@@ -251,10 +255,10 @@ def locked(path: Path) -> Iterator[None]:
 class CorrectionFile:
     """A file of corrections to which entries are added and from which they are withdrawn.
 
-    It is locked and read again for each change, so that several viewers can work on it at once. initial: the
-    corrections that are valid while the file does not exist. The first change writes them to the file, too, so that
-    corrections from an earlier review, with which the results were tracked, are kept. Raises InputError if the file
-    cannot be used, or is about another recording or other camera poses.
+    The file is locked and read again for each change, so that several viewers can work on it at once. initial: the
+    corrections that are valid while the file does not exist. The first change writes these corrections to the file,
+    too, so that corrections from an earlier review, with which the results were tracked, are kept. Raises InputError if
+    the file cannot be used, or is about another recording or other camera poses.
     """
 
     def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
@@ -263,7 +267,7 @@ class CorrectionFile:
         self.current()
 
     def current(self) -> Corrections:
-        """Return the present content of the file; the initial corrections if there is no file yet."""
+        """Return the present content of the file; the initial corrections if the file does not exist yet."""
         if not self.path.exists():
             return self.initial
         found = read_corrections(self.path)
@@ -272,7 +276,7 @@ class CorrectionFile:
 
     def add(self, given: dict[str, Any]) -> Corrections:
         """Add a correction. The times of its frames and the present time, in the field ``when``, are filled in here.
-        Raises InputError if it cannot be added.
+        Raises InputError if the correction cannot be added.
         """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):

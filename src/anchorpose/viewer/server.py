@@ -1,5 +1,5 @@
-"""Define the servers of pages that show a review (the tables of a results folder and its recording): a table of all
-requests, and the functions that answer them.
+"""Define the servers of pages that show a review (the tables of a results folder and its recording), with a table of
+all requests and the functions that answer these requests.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from anchorpose.viewer.review import CorrectionFile, Review, describe, open_revi
 
 
 class ReviewApi:
-    """The answers to requests of every page about a review: its frames, and the data to draw them.
+    """The answers to requests that every page about a review makes: the review's frames, and the data to draw them.
 
     Raises KeyError for an unknown request, ValueError or AnchorposeError for a wrong one.
     """
@@ -143,7 +143,7 @@ class ReviewServer(GuardedServer):
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # set first, since ``server_close``, which is called if listening fails, uses it
+        self.api = api  # set first, since ``server_close`` uses it, and is called if listening fails
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:
@@ -176,7 +176,7 @@ def open_viewer(
     """Return a server that listens; corrections: the file to extend, by default ``corrections_beside`` the results.
 
     A new file begins with the corrections that the results were tracked with. Raises InputError if results,
-    recording or corrections cannot be used, AnchorposeError if it cannot listen on ``host`` and ``port``.
+    recording or corrections cannot be used, AnchorposeError if the server cannot listen on ``host`` and ``port``.
     """
     review = open_review(results, recording)
     if corrections is not None and not corrections.exists():

@@ -30,7 +30,9 @@ OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
 FARTHEST_M: Final = 100.0  # m; no room is as large as this, so a greater coordinate must have been given in millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Values in ``Answers.matches``: the answers have no row for a node; they state that a node has no match."""
+"""Values in ``Answers.matches``. ``NO_ROW``: the answers have no row for a node; ``NO_MATCH``: they state that a node
+has no match.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,7 +218,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
 
 
 def _sizes(folder: Path, pair: Pair, known: dict[str, int]) -> tuple[int, int]:
-    """Return the numbers of nodes of the two frames of a pair; ``known`` keeps them by name of the file."""
+    """Return the numbers of nodes of the two frames of a pair; ``known`` caches the numbers by file name."""
     for name in (pair.first, pair.second):
         if name not in known:
             known[name] = len(read_nodes(folder / name))

@@ -14,8 +14,9 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is used as the skin's
-# m, maximum distances of a tracked joint in front of and behind the skin at its label; a farther joint counts as lost
+PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is taken as the skin's depth
+# m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
+# as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
@@ -72,7 +73,9 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has a label and a reading."""
+    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has both a label and a depth
+    reading.
+    """
     found = []
     for name in TRUNK:
         if name in person.joints and np.isfinite(z := skin_depth_m(depth_m, person.joints[name])):
@@ -116,7 +119,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each joint, how far apart (m) two labellers set their labels; not for ``BY_PROPORTION``."""
+    """Return, for each joint except ``BY_PROPORTION``, how far apart (m) two labellers set their labels."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

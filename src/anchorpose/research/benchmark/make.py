@@ -37,14 +37,14 @@ from anchorpose.threads import one_thread
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
 REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of recordings made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first frame never has one
+HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first frame never has a hole
 STEP: Final = 2  # pixels between neighbouring nodes, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to multiples of this before their hash is computed
 
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """The fingerprint of a recording's content. Two recordings are the same if their fingerprints are equal."""
+    """The fingerprint of a recording's content. Recordings with equal fingerprints have the same content."""
 
     depth: str  # hash of all decoded depth images
     truth: str  # hash of the true joints, rounded to 0.1 mm
@@ -136,7 +136,9 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Write a copy of the recording per size of hole, with holes in the same frames; write nodes and true matches."""
+    """Write a copy of the recording for each size of hole, all with holes in the same frames; write nodes and true
+    matches.
+    """
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]
     centre_m = np.array([points.mean(axis=0) for _, points in seen])
@@ -190,7 +192,7 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Compute the fingerprint of a recording folder. Its true joints are in truth.npz beside the folder."""
+    """Compute the fingerprint of a recording folder. The recording's true joints are in truth.npz beside the folder."""
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

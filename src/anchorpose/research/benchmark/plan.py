@@ -14,7 +14,8 @@ from anchorpose.simulate.config import SimulationConfig
 VERSION: Final = 2
 """Version of the benchmark.
 
-It increases with every change of recordings, tasks or scores, since scores of different versions cannot be compared.
+The version increases with every change of recordings, tasks or scores, since scores of different versions cannot be
+compared.
 """
 
 SECONDS: Final = 6.0
@@ -22,7 +23,7 @@ FPS: Final = 10.0  # frames per second, since the paper's samples are about a te
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Number of frames from the first to the second frame of a pair, by task. In these tasks, nodes are matched."""
 
-FIRST_FRAMES: Final = (4, 22, 40)  # first frame of each pair in a recording, the same for every gap
+FIRST_FRAMES: Final = (4, 22, 40)  # first frames of the pairs in a recording, the same for every value of ``GAPS``
 CLINIC: Final = "clinic"
 NODES: Final = "nodes"
 TRACKING: Final = {f"tracking-{hole_m:.2f}m": hole_m for hole_m in PAPER_HOLES_M}
@@ -55,8 +56,8 @@ class Pair:
     name: str
     first_frame: int
     second_frame: int
-    first: str  # file with the nodes of the first frame, relative to the benchmark
-    second: str  # file with the nodes of the second frame, relative to the benchmark
+    first: str  # file with the nodes of the first frame, relative to the benchmark folder
+    second: str  # file with the nodes of the second frame, relative to the benchmark folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,9 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Return each task's recording: its folder relative to the benchmark, which is also its name in answers."""
+        """Return each task's recording: the path of its folder in the benchmark folder, which is also its name in
+        answers.
+        """
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}
         return {task: f"{self.name}/hole-{round(100 * hole_m):03d}" for task, hole_m in TRACKING.items()}
@@ -97,7 +100,7 @@ class Group:
         )
 
     def nodes(self, frame: int) -> str:
-        """Return the file of a frame's nodes, relative to the benchmark."""
+        """Return the file of a frame's nodes, relative to the benchmark folder."""
         return f"{self.name}/{NODES}/{frame:06d}.csv"
 
     def truth(self, benchmark: Path) -> Path:
@@ -106,8 +109,8 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics, in the order of their
-    seeds.
+    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics, taken in the order of
+    their seeds.
     """
     single, clinic = SEEDS[part]
     return tuple(

@@ -66,13 +66,13 @@ class Score:
 
     answers: Answers
     part: Part
-    other_bytes: tuple[str, ...]  # as in ``Benchmark``
+    other_bytes: tuple[str, ...]  # same meaning as in ``Benchmark``
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
-    asked: Mapping[str, Mapping[str, Asked]]  # the questions of these tasks, by task and name of the group
+    asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
-    """Score every task for which there are answers, over all recordings of the part in the benchmark folder."""
+    """Score every task that has answers, over all recordings of the part in the benchmark folder."""
     groups = [group for group in benchmark.groups if group.part is part]
     asked: dict[str, dict[str, Asked]] = {}
     for group in groups:
@@ -148,7 +148,7 @@ def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
     """Return, by task, the differences ``one`` minus ``other`` in two figures, with 95 % intervals (_low, _high).
 
     mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
-    questions with an error of at most 50 mm, positive if ``one`` is better. Intervals are by the bootstrap over
+    questions with an error of at most 50 mm, positive if ``one`` is better. Intervals come from the bootstrap over
     recordings, which draws the same recordings for both scores.
     """
     compared = {}

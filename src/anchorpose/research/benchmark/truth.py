@@ -14,7 +14,7 @@ from anchorpose.recording.document import read_text
 from anchorpose.research.benchmark.plan import NODES, Pair
 from anchorpose.research.experiment.correspondence import Skin, TruePlaces
 
-MOVED_M = 0.03  # m; a node moved if its true place in the second frame is farther than this from its place in the first
+MOVED_M = 0.03  # m; a node counts as moved if its true places in the two frames are farther apart than this
 
 
 def read_nodes(path: Path) -> np.ndarray:
@@ -43,7 +43,7 @@ class PairTruth:
 
     @property
     def moved(self) -> np.ndarray:
-        """Return (n,) bool: nodes of the first frame that move by more than ``MOVED_M`` until the second frame."""
+        """Return (n,) bool: nodes that move by more than ``MOVED_M`` from the first to the second frame."""
         moved: np.ndarray = np.linalg.norm(self.places.place_m - self.first_m, axis=1) > MOVED_M
         return moved
 

@@ -24,7 +24,8 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.config import SimulationConfig
 
-LOOSE_M = 0.014  # m, height of folds in loose clothes, near the simulator's maximum (0.015); other clothes have 0.009
+# m, height of folds in loose clothes, near the simulator's maximum (0.015); folds of other clothes are 0.009 m high
+LOOSE_M = 0.014
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +34,12 @@ class Clip:
 
     name: str
     scene: Scene
-    simulation: SimulationConfig | None  # settings of a simulated recording; None for a recording of the user
-    folder: Path | None = None  # folder of a recording of the user
+    simulation: SimulationConfig | None  # settings of a simulated recording; None for a user's own recording
+    folder: Path | None = None  # folder of a user's own recording; None for a simulated recording
 
     @property
     def holes_are_cut(self) -> bool:
-        """Return whether holes are cut in the recording. None are cut if equipment or people hide the patient."""
+        """Return whether holes are cut in the recording. No holes are cut if equipment or people hide the patient."""
         return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
@@ -114,7 +115,7 @@ HOLES_KEY = 7  # key of the random numbers that choose the frames with holes; th
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
     """Draw at random the frames that get a hole, (frames,) bool.
 
-    starts: frames at which tracking starts; they never get a hole, since their pose is given.
+    starts: frames at which tracking starts; these frames never get a hole, since their pose is given.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(HOLES_KEY,)))
     chosen: np.ndarray = rng.random(frames) < share
@@ -125,11 +126,11 @@ def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]
 def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.ndarray, radius_m: float) -> np.ndarray:
     """Copy the recording folder to ``out``, without the depth readings inside a hole of radius ``radius_m``.
 
-    centre_m (t, 3): mean position of the patient's visible surface, world. It lies inside the body, so the hole is
-    centred on the reading nearest to it. If it is NaN, the body was not seen and the frame does not change. chosen
-    (t,) bool: the frames to change. Images that lose no reading are linked, not copied. Returns (t,) bool: the frames
-    that lost readings. Raises InputError for a recording with several cameras, since this function cannot tell which
-    of their images belong together.
+    centre_m (t, 3): mean position of the patient's visible surface, world. This position lies inside the body, so the
+    hole is centred on the reading nearest to it. Where ``centre_m`` is NaN, the body was not seen and the frame does
+    not change. chosen (t,) bool: the frames to change. Images that lose no reading are linked, not copied. Returns (t,)
+    bool: the frames that lost readings. Raises InputError for a recording with several cameras, since this function
+    cannot tell which of their images belong together.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")
@@ -151,7 +152,8 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: float) -> np.ndarray | None:
     """Return (height, width) bool: the pixels of a depth image that lie within a hole around a point in the world.
 
-    The hole's centre is the reading nearest to the point. None if no reading is within ``ON_BODY_M`` of the point.
+    The hole's centre is the reading nearest to the point. Return None if no reading is within ``ON_BODY_M`` of the
+    point.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

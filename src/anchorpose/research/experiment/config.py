@@ -30,9 +30,9 @@ class Form(StrEnum):
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
     rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
-    node's predicted place. It also gives outliers less weight (Cauchy's function) when the motion of a body part is
-    fitted, and replaces a pose that explains too little of the frame by the predicted pose. Bad matches then have
-    little effect.
+    node's predicted place. Such a form also gives outliers less weight (Cauchy's function) when the motion of a body
+    part is fitted, and replaces a pose that explains too little of the frame by the predicted pose. Bad matches then
+    have little effect.
     """
 
     REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
@@ -76,7 +76,8 @@ class ExperimentConfig:
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # number of frames in a segment of a recording, one second by default; at its start, methods are given the pose
+    # number of frames in a segment of a recording, one second by default; at the segment's start, methods are given the
+    # pose
     segment_frames: Annotated[Count, Field(ge=2)] = 10
     # number of segments per recording on which every method runs, drawn at random; the poses in their first frames are
     # given, so the 20 recordings have 20 x 6 x 9 = 1,080 tracked frames
@@ -95,7 +96,7 @@ class ExperimentConfig:
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401
     training_recordings: Count = 4
-    # number of frames of the reference movements, by which poses are predicted
+    # number of frames of the reference movements, which are used to predict poses
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2

@@ -27,11 +27,11 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""Beginnings of the names of each region's bones, without Left or Right. The longest beginning that fits a bone's name
-decides.
+"""Beginnings of the names of each region's bones, without Left or Right. A bone belongs to the region with the longest
+beginning that fits its name.
 """
 
-LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without left and right; later ones are limbs
+LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without sides; later regions are limbs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ class Skin:
     def along_skin_m(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Return (m,) metres along the skin from the vertices ``one`` to the vertices ``other``.
 
-        Distances are stored only between sampled vertices, so a long one may be too small by ``SPACING_M``.
+        Distances are stored only between sampled vertices, so a long distance may be too small by ``SPACING_M``.
         """
         rest, sample, between = self._sampled
         straight = np.linalg.norm(rest[one] - rest[other], axis=1)
@@ -85,7 +85,9 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and their mesh distances (s, s)."""
+        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) between
+        these along the mesh.
+        """
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
         cell = np.unique(np.floor(rest / SPACING_M).astype(np.int64), axis=0, return_index=True)[1]

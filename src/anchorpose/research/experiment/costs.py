@@ -11,8 +11,8 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
-COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # time per frame, as a multiple of the paper scene's
-USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework; matching (``Method.frame_ms``) is added to it
+COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # time per frame, in multiples of ``PAPER``'s
+USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework; matching (``Method.frame_ms``) is extra
 USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
 MAKING: Final = 2.0  # time to simulate a frame and to make its reference by tracking, as a multiple of ``own_s``
 
@@ -23,7 +23,7 @@ class Costs:
 
     # s per frame for all forms of the framework and sizes of hole together, since they share descriptors and matches
     frame_s: Mapping[str, float]
-    alone_s: Mapping[str, float]  # s per frame, for a single form and size of hole
+    alone_s: Mapping[str, float]  # s per frame, for one form of the framework and one size of hole
     window_s: Mapping[str, float]  # s per pair of frames whose matches are compared
     own_s: float  # s per frame for this project's tracker, including the time to learn the body
 
@@ -50,7 +50,9 @@ class Costs:
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return in how many pairs of a form and a size of hole a method tracks one recording of the paper's scene."""
+    """Return how often a method tracks one recording of the paper's scene: once per pair of a form and a size of hole
+    with which it runs.
+    """
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)
     return ends * len(config.forms) + between * (len(config.holes_m) - ends)

@@ -23,9 +23,9 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # m, unknown height of the patient; only the search for anchors needs it, once the body is set
-NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects none
-ANYWHERE_M = 10.0  # m, radius within which matches are searched; as in the paper, it contains all nodes
+NO_HEIGHT_M = np.nan  # m, unknown: once the body is set, only the search for anchors needs the patient's height
+NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
+ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
 """Largest change of a node's distance to an anchor between two frames. The first part, for the anchor's jitter, is the
@@ -37,12 +37,12 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """Return the paper's configuration of the tracker.
 
     Holes in the mesh stay open, the pose is predicted from the most similar piece of the reference movements, and each
-    body part is registered separately. motions: the file of the reference movements. form: tells whether bad matches
-    are rejected.
+    body part is registered separately. motions: the file of the reference movements. form: determines whether bad
+    matches are rejected.
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # not estimated, since ``Reference`` has the clocks of the cameras
+        clocks=ClockConfig(estimate=False),  # ``Reference`` already has the cameras' clocks
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -73,8 +73,9 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. These
-    joints are given, too: as many as the prediction uses, but none from before the patient was last lost.
+    The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. The joints
+    of these earlier frames are given, too: as many as the prediction uses, but none from before the patient was last
+    lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)
@@ -87,7 +88,7 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
     """Return the start of tracking (observation, body and pose) in a frame in which the pose is given.
 
-    A start is made only once for all runs that make the same observation in this frame.
+    A start is made only once for all runs whose settings give the same observation of this frame.
     """
 
     def make() -> Start:
@@ -102,7 +103,9 @@ def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:
-    """Return the settings with defaults for prediction, gate and track tree, on which observations do not depend."""
+    """Return the settings with prediction, gate and track tree set to their defaults, since observations do not depend
+    on these.
+    """
     follow = replace(config.follow, look_ahead=1, tree_nodes=1)
     return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)
 

@@ -1,7 +1,7 @@
 """Provide what every method of the experiment is given: the body, the pose at the start, and the patient's pixels.
 
-The paper takes all three from the sensor's own tracker on unoccluded data. Here they come from this project's tracker
-on the recording without holes. No method sees the truth.
+The paper takes body, pose and pixels from the sensor's own tracker on unoccluded data. In this experiment, these three
+come from this project's tracker on the recording without holes. No method sees the truth.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Reference:
     root_m: np.ndarray  # (t, 3), position of the body's root in the pose
     joints_m: np.ndarray  # (t, 21, 3), world
     centre_m: np.ndarray  # (t, 3), mean position of the patient's visible surface, world
-    # one array per camera, (t, height, width) uint8 of ``PixelLabel``; all ``NO_READING`` in a frame that was not
-    # labelled; an empty tuple if labels were not requested
+    # one array per camera, (t, height, width) uint8 of ``PixelLabel``; a frame that was not labelled has only
+    # ``NO_READING``; the tuple is empty if labels were not requested
     labels: tuple[np.ndarray, ...]
     clocks: tuple[Clock, ...]  # clocks of the cameras, by which images of the same time are paired
 

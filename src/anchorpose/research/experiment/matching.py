@@ -1,7 +1,7 @@
 """Measure how far matches of nodes are from the true correspondence.
 
-This is done in windows. A window is a frame of a recording and the frames of its look-ahead, the next frames that the
-track tree uses. In a window, all methods match the same meshes.
+Matches are compared in windows. A window is a frame of a recording and the frames of its look-ahead, the next frames
+that the track tree uses. In a window, all methods match the same meshes.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Matches:
 
     direct: np.ndarray  # (m,), match of each node without the track tree; all -1 if nodes have several hypotheses
     links: tuple[Matcher, ...]  # hypotheses (possible matches) from each frame of the window to the next
-    tree: GlobalHypothesis  # matches chosen by the track tree; only nodes near the body in its pose have one
+    tree: GlobalHypothesis  # the track tree's matches; only nodes near the body in its fitted pose have a match
     every: GlobalHypothesis  # as ``tree``, but no match is rejected, however far it is from the node's predicted place
     describe_s: float  # seconds on one core for the first two frames' descriptors and the matches between them
 
@@ -127,8 +127,8 @@ class Truth:
 
     skin: Skin
     node: np.ndarray  # (m,), node of the first frame
-    moved_mm: np.ndarray  # (m,), distance by which each of these nodes moves from the first to the second frame
-    places: TruePlaces  # true place of this node in the second frame
+    moved_mm: np.ndarray  # (m,), distance by which each compared node moves from the first to the second frame
+    places: TruePlaces  # true place of each compared node in the second frame
 
 
 def truth_of(window: Window, skin: Skin) -> Truth:
@@ -176,7 +176,7 @@ def warm_up(method: Method, setting: object, window: Window) -> None:
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
     """Return the seconds on one core to find the anchors of a window's first two frames and compute distances to them.
 
-    It is 0 if the method does not use the anchors of the observation.
+    The result is 0 if the method does not use the anchors of the observation.
     """
     if method.family is not Family.PROPOSED:
         return 0.0
@@ -211,8 +211,8 @@ def _straight_mm(matched_m: np.ndarray, truth: Truth) -> np.ndarray:
 def _skin_mm(matched_m: np.ndarray, truth: Truth, frame: int) -> np.ndarray:
     """Return the distances (m,) of matches from the true places along the skin, in millimetres; NaN without a match.
 
-    The straight distance is returned if it is greater: the distance along the skin may be too small, since both its
-    ends are known only to the nearest vertex.
+    The straight distance is returned if it is greater than the distance along the skin, which may be too small, since
+    both its ends are known only to the nearest vertex.
     """
     known = np.isfinite(matched_m).all(axis=1)
     distance = np.full(len(matched_m), np.nan, np.float32)

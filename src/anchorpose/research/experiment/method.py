@@ -99,7 +99,8 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            @cache  # matches of all nodes: nearly all are requested in the end, and matching them at once is faster
+            # all nodes are matched at once, which is faster: nearly all of their matches are requested in the end
+            @cache
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
 
@@ -182,7 +183,7 @@ def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
     """Return the methods with these keys or from these files, in this order.
 
     If ``wanted`` is empty, all methods of the package are returned. A file is a Python module with ``METHODS``, a tuple
-    of one method. Raises InputError for an unknown key, a key of two methods, and a file without such a tuple.
+    of one method. Raises InputError for an unknown key, a key that two methods have, and a file without ``METHODS``.
     """
     shipped = shipped_methods()
     if not wanted:

@@ -1,8 +1,8 @@
 """Match nodes of a frame to the skin of the body model by geodesic distances in this frame alone.
 
 The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
-in every pose, but they are also nearly the same on the front and on the back of the body. The turns from the direction
-to one anchor to the direction to another (``turns``) distinguish front and back: seen from outside, the left hand is to
+in every pose, but also nearly the same on the front and on the back of the body. The angles from the direction to one
+anchor to the direction to another anchor (``turns``) distinguish front and back: seen from outside, the left hand is to
 the right of the head on the front, and to the left of the head on the back.
 """
 
@@ -27,21 +27,22 @@ from anchorpose.surface.surface import Surface
 
 NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm apart; 250 nodes are almost as good
 TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
-LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors; fewer do not fix a place (Section IV-D)
+LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
 SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
 # sigma of a turn (a sine): more than a turn's error of 0.4, since ten turns are used but only four are independent
 TURN_SIGMA: Final = 0.6
 # m, by how much distances to each anchor are longer in a frame than on the body model: medians of simulated people.
-# Those to head and feet are shorter, since the anchors found there lie short of the tips. Those to a hand are longer,
-# since paths lead only over the seen side of the arm
+# Distances to head and feet are shorter, since the anchors found there lie short of the tips. Distances to a hand are
+# longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
-ROUNDS: Final = 2  # number of rounds of matching; in the second, medians of the first round replace ``LONGER_M``
-# a skin point fits almost as well as the best one if its sum of squared deviations is at most this much larger
+ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
+# a skin point fits almost as well as the best point if its sum of squared deviations is larger by at most this
 ALMOST: Final = 2.0
 CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit a node almost as well as the best: thigh width
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
-# m; distances have converged when a sweep changes each by less; the remaining error is a hundredth of ``SIGMA_M``
+# m; distances have converged when a sweep changes each of them by less than this; the remaining error is a hundredth of
+# ``SIGMA_M``
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
 
@@ -76,7 +77,7 @@ class SkinMatches:
     """The m matches of a frame's nodes with skin points of the body model."""
 
     node: np.ndarray  # (m,), node of the seen surface
-    point: np.ndarray  # (m,), skin point that this node shows
+    point: np.ndarray  # (m,), skin point that each node shows
     spread_m: np.ndarray  # (m,), standard deviation of the places of skin points that fit almost as well as ``point``
 
 
@@ -114,8 +115,8 @@ def skin_distance(vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray) 
 def _relax(points: np.ndarray, start: np.ndarray, opposite: np.ndarray, order: np.ndarray, field: np.ndarray) -> None:
     """Shorten the distances ``field`` (v,) from a source across triangles, until they have converged.
 
-    The triangles at vertex i are rows start[i] to start[i + 1] of opposite (c, 2), which has their other two corners.
-    order (v,): the vertices by distance.
+    The triangles at vertex i are the rows start[i] to start[i + 1] of opposite (c, 2); a row has the other two corners
+    of a triangle. order (v,): the vertices by distance.
     """
     for _ in range(MOST_SWEEPS):
         most = 0.0
@@ -217,8 +218,8 @@ def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
 def _longer(off_m: np.ndarray) -> np.ndarray:
     """Return (5,) medians of off_m: how much longer distances to each anchor are in the frame than on the body model.
 
-    off_m (k, 5): this difference for each matched node. With fewer than ``LEAST_NODES`` known differences, an anchor
-    has its value of ``LONGER_M`` instead of a median.
+    off_m (k, 5): the difference for each matched node. An anchor with fewer than ``LEAST_NODES`` known differences gets
+    its value of ``LONGER_M`` instead of a median.
     """
     known = np.isfinite(off_m).sum(axis=0)
     longer = LONGER_M.copy()

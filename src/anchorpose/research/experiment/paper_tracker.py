@@ -39,7 +39,7 @@ class Way:
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched
     update: Update = Update.PARTS  # how the pose is updated by the matches
-    # whether an arm is moved if its hand is seen at another place than in the pose (``bring_limbs_back``)
+    # whether an arm is moved if its hand is seen elsewhere than the pose states (``bring_limbs_back``)
     own_surface: bool = False
 
 
@@ -56,7 +56,8 @@ class PaperTracker(PatientTracker):
         self.body, self.map = _body_of(shape)
 
     def follow(self, frame_set: FrameSet | None) -> bool:
-        """Track the next frame as ``step`` does, but without states and uncertainty of joints, which are not compared.
+        """Track the next frame as ``PatientTracker.step`` does, but without joints' states and sigmas, which are not
+        compared.
 
         Return whether a frame was registered.
         """
@@ -85,7 +86,8 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        if not robust and not found.found:  # the pose is kept even if it explains too little of the frame
+        # without rejection, the fitted pose is kept even if it explains too little of the frame
+        if not robust and not found.found:
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found
 

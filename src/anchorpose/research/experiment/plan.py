@@ -77,9 +77,11 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-# scenes in which variants of the tracker that lack a component run; in the others, tracking is too easy to compare them
+# scenes in which variants of the tracker that lack a component run; in all other scenes, tracking is too easy to
+# compare the variants
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-# m, radius of the hole in half of the pairs of training frames; the others have none: a setting must work for both
+# m, radius of the hole in half of the pairs of training frames; the other pairs have no hole, since a setting must work
+# for both
 TUNING_HOLE_M: Final = 0.12
 
 
@@ -119,7 +121,7 @@ class Plan:
     movements: Path  # file of the reference movements
     movements_digest: str  # digest of the content of ``movements``
     store: ResultStore
-    training: bool = False  # whether the plan is for choosing settings, so that every setting of every method is tried
+    training: bool = False  # whether the plan serves to choose settings: every setting of every method is then tried
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
         """Yield all tasks of a clip."""
@@ -146,7 +148,9 @@ class Plan:
 
     @property
     def gaps_s(self) -> tuple[float, ...]:
-        """Return the gaps in seconds between two frames whose matches are compared; in training, only the first gap."""
+        """Return the gaps in seconds between two frames whose matches are compared; in training, return only the first
+        gap.
+        """
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:

@@ -109,7 +109,9 @@ def _some_matches(rows: Constraints) -> Constraints:
 
 
 def _cost(body: Body, predicted: PoseBelief, change: np.ndarray, rows: Constraints) -> float:
-    """Return the sum, over the rows, of Geman-McClure's kernel of their deviations in the pose moved by ``change``."""
+    """Return the sum, over all rows, of Geman-McClure's kernel applied to the row's deviation in the pose moved by
+    ``change``.
+    """
     points, of = body.points, rows.point[::3]
     transforms = body.transforms(predicted.pose.moved(change, points.moving))
     placed = skin(points.bones[of], points.influence[of], transforms, body.rest_m[of], body.rest_normals[of])[0]

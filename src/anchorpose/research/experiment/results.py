@@ -1,6 +1,6 @@
-"""Define the results of an experiment before averaging. Tables, figures and the page are made from them alone.
+"""Define the results of an experiment before averaging. Tables, figures and the page are made from these results alone.
 
-The module also chooses each method's setting on the training recordings, by the same measure for all methods.
+This module also chooses each method's setting on the training recordings, by the same measure for all methods.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class Tracked:
     method: str
     frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
-    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's); NaN if one joint is unknown
+    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's joint); NaN if either is
+    # unknown
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -80,7 +81,7 @@ class TriedSetting:
 class PaperTimes:
     """Seconds on one core for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
 
-    They are compared with the paper's times.
+    These times are compared with the paper's times.
     """
 
     image: str  # width x height of the depth image, in which the mesh is about as large as the paper's
@@ -100,7 +101,7 @@ class ExperimentResults:
     tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # key of each method, and the settings tried for it
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
-    times: PaperTimes | None  # None = times were not measured
+    times: PaperTimes | None  # None if times were not measured
     failed: tuple[str, ...]  # a sentence for each recording that could not be used
     real: Path | None  # folder of real recordings
 
@@ -122,7 +123,8 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
     """Return the tried settings of a method, each with its score, and with whether it is chosen.
 
-    The setting with the smallest score is chosen: the first of equally good ones, or of all if there are no scores.
+    The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
+    all settings is chosen.
     """
     known = np.where(np.isfinite(scores_mm), scores_mm, np.inf)
     best = int(np.argmin(known))

@@ -1,7 +1,7 @@
 """Run all steps of an experiment: choice of settings, every recording, then tables, figures and the page.
 
 Settings are chosen on training recordings, which are not used for testing. The reference movements, by which poses are
-predicted, also come from them.
+predicted, also come from the training recordings.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Do the work on one recording: simulate it, make its reference by tracking, cut holes, run tasks without a result.
 
-In the paper's framework, a method runs on segments of the recording. This project's tracker runs on all of it.
+In the paper's framework, a method runs on segments of the recording. This project's tracker runs on the whole
+recording.
 """
 
 from __future__ import annotations
@@ -70,11 +71,11 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 class Trial:
     """A recording with one size of hole, and the forms of the framework in which methods run on it."""
 
-    recording: Recording  # as it was read, before its clocks are aligned
+    recording: Recording  # as read, before the cameras' clocks are aligned
     given: GivenFrames
     cut: np.ndarray  # (t,) bool, frames that lost readings
     runs: Mapping[Form, Run]
-    # windows (``matching.Window``) that were taken so far, by the settings of their meshes
+    # windows (``matching.Window``) taken so far, by the settings with which their meshes were made
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
@@ -87,8 +88,8 @@ def track_segments(
 ) -> list[TrackedJoints]:
     """Track the segments that begin at ``starts`` by one method, in each trial and form.
 
-    Tracking restarts in each segment. Its first frame, whose pose is given, is left out of the result. Trials share
-    descriptors and matches of frames into which no hole was cut.
+    Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. Trials
+    share descriptors and matches of frames into which no hole was cut.
     """
     associate = associate_once(method, setting)
     joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
@@ -146,7 +147,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
     with one_thread(), prepare_clip(clip, plan) as prepared:
         holes_m = sorted({task.hole_m for task in open_tasks})
         one_camera = len(prepared.recording.cameras) == 1
-        # with several cameras, cutting holes raises an error; so tasks without a hole are done and stored before that
+        # cutting holes raises an error for several cameras, so tasks without a hole are done and stored first
         for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:
             tasks = [task for task in open_tasks if task.hole_m in together]
             with open_trials(prepared, plan, together) as trials:
@@ -305,7 +306,9 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the arrays to be stored for a task, over the nodes of all windows; ``window``: each node's window."""
+    """Return the arrays to be stored for a task, with the nodes of all windows; the array ``window`` states each node's
+    window.
+    """
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}
     return {

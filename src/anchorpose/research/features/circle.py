@@ -29,7 +29,7 @@ ARC = (
 def turn_fraction(x: float, y: float, begin: float) -> float:
     """Return the direction of (x, y) relative to the direction ``begin``, both as shares of a turn in [0, 1).
 
-    This is faster than a library's arctangent.
+    This function is faster than a library's arctangent.
     """
     wide, high = abs(x), abs(y)
     ratio = min(wide, high) / max(wide, high, SMALLEST)
@@ -55,7 +55,8 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    low = low if low >= 0 else len(bins) - 1  # not wrapped by %, which would take longer than all other steps
+    # the index is not wrapped by %, which would take longer than all other steps
+    low = low if low >= 0 else len(bins) - 1
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
 

@@ -1,6 +1,7 @@
 """Draw the depth of the surface around a node as a small image, and compute the image's SIFT descriptor.
 
-The surface is seen along the node's normal; pixels are metres above the node's tangent plane, NaN where unknown.
+The surface is seen along the node's normal; pixel values are heights in metres above the node's tangent plane, NaN
+where unknown.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of the axis's two directions, it is the one in which the surface rises. It is NaN without a surface.
+    Of the axis's two directions, the one in which the surface rises is returned. The result is NaN without a surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):
@@ -67,8 +68,8 @@ def draw_depth_map(
 
     Heights are linear on each triangle; where several triangles overlap, the highest counts. The column number
     increases in the direction ``angle`` (radians), pixels are ``pixel`` metres apart, and the node is in the middle.
-    Surface below the floor is not drawn; if the floor is NaN, all surface is drawn. Overwrites local (m, 3) with
-    columns, rows and heights.
+    Surface below the floor is not drawn; if the floor is NaN, all surface is drawn. The array local (m, 3) is
+    overwritten with columns, rows and heights.
     """
     image[:] = floor
     middle, cosine, sine = 0.5 * (len(image) - 1), np.cos(angle) / pixel, np.sin(angle) / pixel
@@ -112,7 +113,7 @@ def _draw_triangle(corner: np.ndarray, a: int, b: int, c: int, image: np.ndarray
 
 @njit(cache=True)
 def _lowest(one: float, other: float) -> float:
-    """Return the smallest of 0 and both values."""
+    """Return the smallest of 0, ``one`` and ``other``."""
     low = one if one < other else other
     return low if low < 0.0 else 0.0
 
@@ -128,7 +129,8 @@ def image_side(samples: int) -> int:
 def cell_shares(samples: int) -> np.ndarray:
     """Return (side, 3) float64 for each column (or row) of pixels: its Gaussian weight, and the cells that share it.
 
-    The second value is the number of the first of two cells (0 is the margin); the third is the share of the other.
+    The second value is the number of the first of two cells (0 is the margin); the third is the share of the second
+    cell.
     """
     # distance of each pixel from the image's middle, in widths of a cell
     away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples
@@ -141,13 +143,13 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     """Fill descriptor (WIDTH,) float32, cells row after row; return False if the image has no known gradient.
 
     image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
-    Gradients are central differences, but one-sided beside unknown pixels. Their orientation is counted from the
+    Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation is counted from the
     direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
     cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped, and
     scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
-    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # with a margin, one cell wide, which is discarded
+    bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the cells have a margin, one cell wide, which is discarded
     across, length, turn = np.empty((CELLS + 2, ORIENTATIONS)), np.empty(side), np.empty(side)
     for i in range(1, side - 1):
         _row_gradients(image[i - 1], image[i], image[i + 1], length, turn)
@@ -191,8 +193,8 @@ def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length
 def _difference(before: float, here: float, after: float) -> float:
     """Return ``after`` minus ``before``: the heights of the two neighbours of a pixel with the height ``here``.
 
-    If one of the two is unknown, return twice the difference between the other one and ``here``. Return NaN if ``here``
-    is unknown, or both others are.
+    If one neighbour's height is unknown, return twice the difference between the other neighbour's height and ``here``.
+    Return NaN if ``here`` is unknown, or both neighbours' heights are.
     """
     first = here if np.isnan(before) else before
     last = here if np.isnan(after) else after

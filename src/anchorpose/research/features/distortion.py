@@ -85,8 +85,8 @@ def _require_distances(distances: np.ndarray) -> np.ndarray:
 def _search(a: np.ndarray, b: np.ndarray, max_branches: int) -> tuple[np.ndarray, int]:
     """Search depth first, trying the best place first; return the best map and the number of branches visited.
 
-    worst[level, i, v] is the greatest change of a distance to the points placed so far if point i is mapped to v. A
-    branch is cut as soon as some point has no place with less distortion than the best map so far.
+    worst[level, i, v] is the greatest change of a distance between point i and the points placed so far if i is mapped
+    to v. A branch is cut as soon as some point has no place with less distortion than the best map so far.
     """
     depth, count = len(a), len(b)
     best, least = np.zeros(depth, np.int32), np.inf

@@ -35,8 +35,8 @@ def fpfh(points_m: np.ndarray, normals: np.ndarray, config: FpfhConfig | None = 
     """Return (n, 33) float32: the histograms of three angles, 11 bins each.
 
     points_m, normals (n, 3) are in one frame, and normals have unit length. A node whose position or normal is NaN is
-    left out of all histograms. Each histogram sums to 100, or to 200 if the node's own is added. The row of a node
-    without position, normal or neighbour is NaN.
+    left out of all histograms. Each histogram sums to 100, or to 200 if the node's own histogram is added. The row of a
+    node without position, normal or neighbour is NaN.
     """
     config = config or FpfhConfig()
     points, unit = as_oriented(points_m, normals)

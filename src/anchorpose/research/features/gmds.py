@@ -1,11 +1,11 @@
 """Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
 
-Samples are nodes of the source surface that lie far apart, and candidates are such nodes of the target. Samples are
-mapped so that the distances between them change as little as possible. First, branch and bound maps the few farthest
-samples onto few candidates and keeps the best maps that differ from each other. Then all samples are mapped onto more
-candidates. Then, in the best maps, each sample may move to any node of the target. All other nodes are mapped by their
-distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006 (doi:10.1073/pnas.0508601103): their least
-squares, with branch and bound for the initial map.
+Samples are nodes of the source surface that lie far apart; candidates are nodes of the target surface that lie far
+apart. Samples are mapped so that the distances between them change as little as possible. First, branch and bound maps
+the few farthest samples onto few candidates and keeps the best maps that differ from each other. Next, all samples are
+mapped onto more candidates. Finally, in the best maps, each sample may move to any node of the target. All other nodes
+are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
+(doi:10.1073/pnas.0508601103): their least squares, with branch and bound for the initial map.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
     k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres, ``APART_M`` on other pieces.
     The first node is the farthest from the middle of its piece; the middle is the node nearest to the mean position of
-    all nodes. A piece without a chosen node counts as farther away than any node of a piece with one. Raises ValueError
-    for nodes that are not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the greatest distance of a
-    node from its nearest chosen node is at most twice as large as with the best choice.
+    all nodes. A piece without a chosen node counts as farther away than any node of a piece that has a chosen node.
+    Raises ValueError for nodes that are not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the
+    greatest distance of a node from its nearest chosen node is at most twice as large as with the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -47,7 +47,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
         nodes[row] = nearest.argmax()
         fields[row] = field_from(surface, nodes[row])
         nearest = np.minimum(nearest, fields[row])
-        nearest[nodes[: row + 1]] = -1.0  # a node is chosen only once, even where several nodes coincide
+        nearest[nodes[: row + 1]] = -1.0  # a node is chosen at most once, even if several nodes have the same position
     return nodes, fields
 
 
@@ -63,15 +63,16 @@ class GmdsConfig:
 
     # number of samples, 7 cm apart on a body; with 50, the mirror image more often fits as well as the truth
     samples: Count = 100
-    first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more
+    first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more sample
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
     starts: Count = 24  # number of maps of first samples that are extended to all; many mirror the body or swap limbs
-    finalists: Count = 3  # number of best maps in which samples may then move from candidates to any node
-    # m; greater changes of a distance count as this, since all distances to a hand change when it touches the body
+    finalists: Count = 3  # number of best maps in which, in the last step, samples may move from candidates to any node
+    # m; greater changes of a distance count as this value, since all distances to a hand change when it touches the
+    # body
     cap_m: Positive = 0.15
-    sweeps: Count = 10  # maximum number of sweeps over all samples; they usually converge in four
-    # minimum share of all nodes that a piece needs to be matched (3 %: a forearm); smaller ones have no recognisable
+    sweeps: Count = 10  # maximum number of sweeps over all samples; the search usually converges in four sweeps
+    # minimum share of all nodes that a piece needs to be matched (3 %: a forearm); smaller pieces have no recognisable
     # shape
     min_piece: Share = 0.03
     max_branches: Count = 300_000  # maximum number of branches visited, which takes a tenth of a second
@@ -132,7 +133,9 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their old numbers."""
+    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their numbers on
+    ``surface``.
+    """
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
     piece = pieces(finite)

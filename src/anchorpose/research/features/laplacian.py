@@ -2,10 +2,10 @@
 
 Depth meshes have slivers (very thin triangles) along their outline. The cotangents of their obtuse angles are hugely
 negative, so that heat would flow from cold to warm. Therefore edges are flipped within the surface: the edge between
-two triangles becomes the other diagonal. This uses lengths alone, changes no distance and leaves no negative weight.
-Outline edges have a triangle on one side only. Therefore each triangle exists twice, as front and as back. Front and
-back are glued along the outline, where this mirror image satisfies Neumann's condition. If an edge has three or more
-triangles, each is glued to the next in the same way. Sources: Bobenko and Springborn 2007
+two triangles becomes the other diagonal. Flipping uses lengths alone, changes no distance and leaves no negative
+weight. Outline edges have a triangle on one side only. Therefore each triangle exists twice, as front and as back.
+Front and back are glued along the outline, where this mirror image satisfies Neumann's condition. If an edge has three
+or more triangles, each triangle is glued to the next in the same way. Sources: Bobenko and Springborn 2007
 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides of each triangle
 and the slight lengthening of edges.
 """
@@ -25,7 +25,8 @@ from anchorpose.surface.surface import Surface
 
 MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
 FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
-TOLERANCE: Final = 1e-9  # rounding error of the sum of two cotangents; an edge is flipped if its sum is more negative
+# rounding error of the sum of two cotangents; an edge is flipped if its sum of cotangents is more negative than this
+TOLERANCE: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +60,7 @@ def mesh_laplacian(points_m: np.ndarray, triangles: np.ndarray) -> Laplacian:
     count = len(node)
     edges, values = intrinsic_delaunay(np.asarray(points_m, np.float64)[node], own.reshape(-1, 3))
     tail, head = edges.T
-    weight = np.where(tail == head, 0.0, values[:, 0] / 2.0)  # halves, since each triangle has a front and a back
+    weight = np.where(tail == head, 0.0, values[:, 0] / 2.0)  # halved, since each triangle has a front and a back
     off = coo_array((np.tile(-weight, 2), (np.append(tail, head), np.append(head, tail))), shape=(count, count)).tocsc()
     diagonal = np.bincount(np.append(tail, head), np.tile(weight, 2), count)
     stiffness = (off + coo_array((diagonal, (np.arange(count), np.arange(count))), shape=(count, count))).tocsc()
@@ -73,9 +74,9 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 
     points_m (n, 3) float64 metres; triangles (f, 3) int of finite points, with any orientation. Returns edges (6 f, 2)
     int32 and values (6 f, 2) float64. An edge is its tail and head node, which are the same if the edge was flipped
-    across the outline. Its values are half the cotangent of the opposite angle, and the area, m², of that part of the
-    triangle at this edge that is nearest to the tail; the part nearest to the head is as large. Each triangle counts
-    twice, as front and as back.
+    across the outline. The two values of an edge are half the cotangent of the opposite angle, and the area, m², of the
+    part of the triangle beside this edge that is nearest to the tail; the part nearest to the head is as large. Each
+    triangle counts twice, as front and as back.
     """
     tail, after, twin = _both_sides(np.asarray(triangles, np.int64))
     apart = points_m[tail] - points_m[tail[after]]

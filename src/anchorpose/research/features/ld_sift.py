@@ -34,7 +34,7 @@ REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
 class Beyond(StrEnum):
     """The value of the depth map at pixels without surface."""
 
-    UNKNOWN = "unknown"  # NaN, without a gradient, since the end of the camera's view is not part of the shape
+    UNKNOWN = "unknown"  # NaN, without a gradient: the end of the camera's view is not part of the shape
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
 
@@ -42,7 +42,7 @@ class Beyond(StrEnum):
 class LdSiftConfig:
     """Settings of LD-SIFT."""
 
-    # m, half the width of the 4 x 4 cells; a larger one distinguishes more places, but is slow
+    # m, half the width of the 4 x 4 cells; with a larger width, more places are distinguished, but computing is slow
     radius_m: Positive = 0.15
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: Positive = 0.05  # m, how far below the node the plane of ``Beyond.FLOOR`` lies
@@ -56,11 +56,11 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     exactly flat, or its surface is nowhere two pixels wide.
 
     The depth map shows the triangles whose nodes are within ``REACH * radius_m`` along the edges, seen along the node's
-    normal. It is turned so that the longer principal axis of the area that the surface covers, such as a limb's
-    direction, always has the same direction in the image. SIFT then describes it. By default, pixels that no triangle
-    covers are unknown and have no gradient, so that the end of the camera's view is not an edge. The authors describe
-    only detected points of closed meshes, at the scale of each point and turned by the gradients around it. Here every
-    node is described at the same scale.
+    normal. The map is turned so that the longer principal axis of the area that the surface covers, such as a limb's
+    direction, always has the same direction in the image. SIFT then describes the turned map. By default, pixels that
+    no triangle covers are unknown and have no gradient, so that the end of the camera's view is not an edge. The
+    authors describe only detected points of closed meshes, at the scale of each point and turned by the gradients
+    around it. This function describes every node, always at the same scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)

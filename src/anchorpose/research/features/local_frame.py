@@ -1,4 +1,5 @@
-"""Compute SHOT's repeatable local frame: principal axes of the neighbours, each towards the side with more of them.
+"""Compute SHOT's repeatable local frame: principal axes of the neighbours, each pointing to the side with more
+neighbours.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), Section 3, as PCL 1.13 implements it.
 """

@@ -49,10 +49,10 @@ def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:
     """Return (n, 2) float32, 1/m: the larger and the smaller curvature of each node.
 
     Curvature is positive where the skin bulges towards the camera. radius_m: distance along the edges up to which
-    neighbours are used; their weights fall to zero at this distance. NaN if neighbours do not determine the curvature:
-    isolated nodes, nodes on a line, normals or positions that are NaN. The shape operator S is the symmetric map from
-    steps dx in the tangent plane to changes of the normal, dn = S dx, fitted to the neighbours by least squares. The
-    estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
+    neighbours are used; their weights fall to zero at this distance. Curvatures are NaN if neighbours do not determine
+    them: at isolated nodes, at nodes on a line, and where normals or positions are NaN. The shape operator S is the
+    symmetric map from steps dx in the tangent plane to changes of the normal, dn = S dx, fitted to the neighbours by
+    least squares. The estimate from differences of normals goes back to Taubin 1995 (doi:10.1109/ICCV.1995.466840).
     """
     rings = rings_within(surface, radius_m)
     return _curvatures(surface.points_m, surface.normals, rings.start, rings.node, rings.distance_m, radius_m)
@@ -111,9 +111,9 @@ def mesh_gradient(surface: Surface, values: np.ndarray) -> np.ndarray:
     """Return (n, 3) float32, units of values per metre, world frame: the gradient in each node's tangent plane.
 
     values (n,): the function. The gradient is NaN if the function or the normal is unknown, or if fewer than two
-    neighbours in different directions have a value. It follows by least squares from the directional derivatives along
-    the grid's edges, so it is exact for functions that are linear on a plane. Raises ValueError if the number of values
-    is not the number of nodes.
+    neighbours in different directions have a value. The gradient follows by least squares from the directional
+    derivatives along the grid's edges, so it is exact for functions that are linear on a plane. Raises ValueError if
+    the number of values is not the number of nodes.
     """
     values = np.asarray(values, np.float64)
     if values.shape != (len(surface),):

@@ -1,4 +1,4 @@
-"""Find the row of one table of descriptors that is nearest to each row of another.
+"""Find, for each row of a table of descriptors, the nearest row of another table.
 
 All distances are first computed in float32, which is fast. Distances that cannot be distinguished from the smallest
 because of rounding are then computed again in float64.
@@ -65,8 +65,8 @@ class _RoughDifferences:
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return rough distances (m, n) float32, and an error bound (m,) for each row.
 
-        The bound holds for the summed errors of two distances of the row: the smallest and one other. The error of a
-        sum of d values that are not negative is at most d + 1 roundings of the sum.
+        The bound holds for the summed errors of two distances of the row: the smallest distance and any other. The
+        error of a sum of d values that are not negative is at most d + 1 roundings of the sum.
         """
         apart = _sum_of_differences(source.astype(np.float32), self._columns)
         return apart, 2.0 * (len(self._columns) + 2) * ULP * apart.min(axis=1)
@@ -116,7 +116,8 @@ def _sum_of_differences(source: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _settle(
     rough: np.ndarray, slack: np.ndarray, source: np.ndarray, target: np.ndarray, manhattan: bool
 ) -> np.ndarray:
-    """Return (m,) int64: the nearest target row, out of the rows whose rough distance is close to the smallest.
+    """Return (m,) int64: the nearest target row, out of the rows whose rough distance is close to the smallest rough
+    distance.
 
     slack (m,): a target row is computed again if its rough distance exceeds the smallest by at most this.
     """

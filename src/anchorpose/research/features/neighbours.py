@@ -12,7 +12,7 @@ BLOCK: Final = 32  # number of successive nodes that are skipped together if far
 
 
 class Neighbours(NamedTuple):
-    """The nodes around each node, in ascending order, without the node itself.
+    """The nodes around each node, by ascending number, without the node itself.
 
     The nodes within ``radius_m`` of node c are ``node[start[c]:start[c + 1]]``. A node without a position has no
     neighbours and is never a neighbour.
@@ -60,7 +60,8 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
             for other in range(block * BLOCK, min((block + 1) * BLOCK, count)):
                 dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
                 apart2 = dx * dx + dy * dy + dz * dz
-                node[spot], distance2[spot] = other, apart2  # kept only if near; if not, the next node overwrites it
+                # the entry is kept only if the node is near; if not, the next node overwrites it
+                node[spot], distance2[spot] = other, apart2
                 spot += (apart2 <= limit) & (other != c)
         start[c + 1] = spot
     return start, node[:spot].copy(), distance2[:spot].copy()
@@ -70,7 +71,7 @@ def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, 
 def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest coordinates (b, 3) float64 of blocks of nodes.
 
-    They are inf and -inf if no node of the block has a position.
+    The coordinates are inf and -inf if no node of the block has a position.
     """
     blocks = (len(points) + BLOCK - 1) // BLOCK
     low, high = np.full((blocks, 3), np.inf), np.full((blocks, 3), -np.inf)
@@ -95,7 +96,7 @@ def longer(array: np.ndarray, extra: int) -> np.ndarray:
 def count_within(points_m: np.ndarray, radius_m: float) -> np.ndarray:
     """Return (n,) int32: number of nodes within a radius of each node (n, 3), including the node itself.
 
-    It is 0 for a node without position.
+    The number is 0 for a node without position.
     """
     require_radius(radius_m)
     points = as_points(points_m, "points_m")

@@ -1,8 +1,8 @@
 """Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all others within 0.5 m.
 
 Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
-The paper orders extrema "based on the corresponding body parts" and gives no rule. Here an extremum has the name of
-this project's anchor at the same end of a limb.
+The paper orders extrema "based on the corresponding body parts" and gives no rule. In this module, an extremum has the
+name of this project's anchor at the same end of a limb.
 """
 
 from __future__ import annotations

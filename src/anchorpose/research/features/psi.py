@@ -3,7 +3,7 @@
 Psi is the set of nodes of the other frame whose distances to some anchors are similar to the node's. On a limb, psi is
 a band that ends at the outline, where the sensor stops seeing the skin. The average position of this clipped band lies
 too far from the outline, so no node at the outline would ever be a match. The unclipped middle is the place at which
-psi's distances equal those of the node; it follows by regressing position on distance over psi (least squares). If
+psi's distances equal those of the node; it is found by a least-squares regression of position on distance over psi. If
 nothing clips psi, this place is the average position. The regression needs three anchors: two feet determine only how
 far along a leg a node is, and a regression on them would lead off the leg.
 """
@@ -17,7 +17,7 @@ from numba import njit
 
 from anchorpose.track_tree.hypotheses import GateConfig, anchor_subsets
 
-NONE: Final = -1  # placeholder in a subset that has fewer anchors than others
+NONE: Final = -1  # placeholder in a subset that has fewer anchors than other subsets
 # m2, ridge of the regression; it prevents a shift of psi's middle in directions in which distances hardly vary
 RIDGE_M2: Final = 0.002**2
 FEWEST: Final = 8  # minimum number of nodes of psi for a regression on three distances
@@ -153,7 +153,7 @@ def _possible(
 def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
     """Return the node of psi (m,) nearest to its middle.
 
-    offset (m, a): the distances of psi's nodes to the anchors minus those of the source node.
+    offset (m, a): the distances of psi's nodes to the anchors minus the source node's distances.
     """
     middle = np.zeros(3)
     for m in range(len(psi)):

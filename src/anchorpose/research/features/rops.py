@@ -16,7 +16,7 @@ from anchorpose.research.features.local_frame import principal_axes
 from anchorpose.research.features.neighbours import Neighbours, as_points, find_neighbours
 from anchorpose.settings import Count, Positive, settings
 
-STATISTICS = 5  # of one projection: central moments 11, 21, 12 and 22, and the entropy
+STATISTICS = 5  # numbers per projection: central moments 11, 21, 12 and 22, and the entropy
 
 
 @settings
@@ -66,7 +66,7 @@ def _statistics(
         count = _to_local(points, c, node[start[c] : start[c + 1]], frames[c], local)
         column = 0
         for axis in range(3):
-            one, two = (axis + 1) % 3, (axis + 2) % 3  # the turn carries axis ``one`` to axis ``two``
+            one, two = (axis + 1) % 3, (axis + 2) % 3  # the rotation turns axis ``one`` towards axis ``two``
             _into_bins(local[axis], count, bins, cell[axis])
             for turn in range(len(turns)):
                 cosine, sine = turns[turn, 0], turns[turn, 1]

@@ -19,14 +19,16 @@ from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_
 from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
-PARALLEL = 1e-3  # minimum sine of the angle between x axis and normal; below it, x has no tangential direction
+# minimum sine of the angle between x axis and normal; with a smaller angle, x has no tangential direction
+PARALLEL = 1e-3
 
 
 @settings
 class ShapeContextConfig:
-    """Settings of shape contexts; by default they have 1980 numbers, see ``cells``."""
+    """Settings of shape contexts; by default, a shape context has 1980 numbers, see ``cells``."""
 
-    radius_m: Positive = 0.20  # m; the sphere contains a limb with its edges; in a smaller one, all surface looks flat
+    # m; the sphere contains a limb with its edges; in a smaller sphere, all surface looks flat
+    radius_m: Positive = 0.20
     # share of ``radius_m`` from which the shells' radii grow by a constant factor; the first shell still begins at 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
     density: Positive = 0.2  # share of radius_m within which points are counted for the density around a point

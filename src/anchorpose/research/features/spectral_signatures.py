@@ -40,7 +40,8 @@ class Spectrum:
     The sign of an eigenfunction is arbitrary; so is the choice of eigenfunctions for eigenvalues that coincide.
     """
 
-    eigenvalues: np.ndarray  # (k,) float64 in 1/m², ascending, exactly 0 once for each connected piece of surface
+    # (k,) float64 in 1/m², ascending; exactly one eigenvalue is 0 for each connected piece of surface
+    eigenvalues: np.ndarray
     # (n, k) float64 in 1/m, orthonormal with respect to ``mass_m2``; NaN at nodes without triangles
     eigenfunctions: np.ndarray
     mass_m2: np.ndarray  # (n,), area of each node; 0 without triangles
@@ -62,7 +63,7 @@ class Spectrum:
 def spectrum(surface: Surface, pairs: int = PAIRS) -> Spectrum:
     """Return the lowest ``pairs`` eigenpairs of all pieces together, with Neumann's condition at the outline.
 
-    There are fewer pairs if there are fewer nodes with triangles. One list is made for all pieces of surface, so their
+    Fewer pairs are returned if fewer nodes have triangles. All pieces of surface share one list of eigenpairs, so their
     shortest waves are about equally long.
     """
     return spectrum_of(surface_laplacian(surface), len(surface), pairs)
@@ -142,7 +143,7 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
     With the integral over all pieces, small pieces would count as much as the body at low eigenvalues. With the
     integral over each node's own piece, the values on an arm that an object separates from the body would change at
-    high eigenvalues. NaN without triangles.
+    high eigenvalues. The result is NaN without triangles.
     """
     if spectrum.piece_count == 0:
         return np.full(weights.shape[1], np.nan)
@@ -159,17 +160,18 @@ class HksConfig:
 
     times: Count = 100  # number of points in time, as in Sun et al.
     range_m2: Range | None = None  # first and last time; None = from the spectrum, as in Sun et al.
-    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh the others
+    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh all other times
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
-    It is the heat that is left at a node at time t if it was put there at time 0: sum_i exp(-lambda_i t) phi_i^2. Times
-    are in m²: diffusivity is 1, so heat spreads over about one square metre in a time of 1 m². Their logarithms are
-    evenly spaced. If scaled, each time's column is divided by its integral over the largest piece of surface, the heat
-    trace. NaN at nodes without triangles, and everywhere if times should come from a spectrum without positive
-    eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    The signature is the heat that is left at a node at time t if heat was put there at time 0: sum_i exp(-lambda_i t)
+    phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time of 1 m². The
+    logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral over the largest
+    piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere if times should
+    come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
+    (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
@@ -184,7 +186,7 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
     """Return the times (times,) m², from the time at which the shortest wave has decayed to the time at which the
     longest wave has decayed.
 
-    If the configuration has a range, it gives the first and the last time instead.
+    If the configuration has a range, the first and the last time are taken from this range instead.
     """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_m2 is not None:
@@ -248,11 +250,11 @@ class WksConfig:
 def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
     """Return the wave kernel signature, (n, energies) float32 in 1/m².
 
-    It is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2. w_i is a Gaussian
-    of log lambda_i around e, and the integral over the largest piece is 1. NaN at nodes without triangles, and on a
-    piece without positive eigenvalues, whose particles have no energy. Source: Aubry, Schlickewei and Cremers 2011
-    (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies keep two standard deviations away from either end of
-    the range.
+    The signature is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2. w_i is a
+    Gaussian of log lambda_i around e, and the integral over the largest piece is 1. The signature is NaN at nodes
+    without triangles, and on a piece without positive eigenvalues, whose particles have no energy. Source: Aubry,
+    Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies keep two standard
+    deviations away from either end of the range.
     """
     config = config or WksConfig()
     moving = spectrum.positive

@@ -1,6 +1,6 @@
 """Find knees that buckle: one knee bends fast, and farther than the other, while the patient stands on that leg.
 
-This project defines buckles itself. A buckle differs from other flexion in three ways:
+The definition of a buckle is this project's own. A buckle differs from other flexion in three ways:
 
 - a squat or sitting down bends both knees alike, so a buckling knee must bend farther than the other, by a share of the
   depth of its flexion;
@@ -49,7 +49,7 @@ STILL_DEEPER_S: Final = 0.4
 
 LEAD_SHARE: Final = 0.33
 """Minimum amount by which a buckling knee must bend farther than the other, as a share of the depth of its flexion. If
-the other knee flexes by more than two thirds as much, the movement is a squat.
+the other knee flexes by more than two thirds of that depth, the movement is a squat.
 """
 
 

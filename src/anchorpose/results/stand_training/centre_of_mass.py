@@ -40,7 +40,7 @@ _SHOULDERS, _HIPS = ("ShoulderLeft", "ShoulderRight"), ("HipLeft", "HipRight")
 
 SINGLE_SEGMENTS: Final = (
     # head and neck: the table's centre of mass lies 0.492 of the way from the vertex to the cervicale; on the body
-    # model, this is 0.72 of the way from SpineShoulder to Head
+    # model, this place is 0.72 of the way from SpineShoulder to Head
     Segment(0.0681, ("SpineShoulder",), ("Head",), 0.72),
     Segment(0.43015, _SHOULDERS, _HIPS, 0.4046),
 )
@@ -49,19 +49,19 @@ PAIRED_SEGMENTS: Final = (
     Segment(0.0263, ("Shoulder{side}",), ("Elbow{side}",), 0.5763),
     Segment(0.0150, ("Elbow{side}",), ("Wrist{side}",), 0.4567),
     # The hand: its centre of mass is put 68 mm beyond the wrist in line with the forearm, even if the wrist is bent.
-    # This shifts the body's centre of mass by at most 0.4 mm, and lets it stay known if the hand is lost.
+    # This simplification shifts the body's centre of mass by at most 0.4 mm, and keeps it known if the hand is lost.
     Segment(0.00585, ("Elbow{side}",), ("Wrist{side}",), 1.29),
     Segment(0.1447, ("Hip{side}",), ("Knee{side}",), 0.3854),
     Segment(0.0457, ("Knee{side}",), ("Ankle{side}",), 0.4374),
-    # the foot: the table's centre of mass lies 0.42 of the way from heel to toe tip; on the body model, this is 0.36 of
-    # the way from Ankle to Foot
+    # the foot: the table's centre of mass lies 0.42 of the way from heel to toe tip; on the body model, this place is
+    # 0.36 of the way from Ankle to Foot
     Segment(0.0133, ("Ankle{side}",), ("Foot{side}",), 0.36),
 )
 
 
 @cache
 def joint_weights() -> np.ndarray:
-    """Return the joints' weights (21,), read only, in the centre of mass. Their sum is 1; some may be negative."""
+    """Return the joints' weights (21,), read only, in the centre of mass. They sum to 1; some may be negative."""
     paired = (_on_side(segment, side) for segment in PAIRED_SEGMENTS for side in ("Left", "Right"))
     weights = np.zeros(JOINT_COUNT)
     for segment in (*SINGLE_SEGMENTS, *paired):
@@ -108,8 +108,8 @@ def centre_of_mass(joints: JointTable) -> CentreOfMass:
 
 
 CHI2_95: Final = 5.991
-"""Quantile of chi-squared with two degrees of freedom: it sizes the ellipse within which 95 of 100 normally distributed
-points lie (Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
+"""Quantile of chi-squared with two degrees of freedom, which determines the size of the ellipse within which 95 of 100
+normally distributed points lie (Schubert and Kirchner 2014, doi:10.1016/j.gaitpost.2013.09.001).
 """
 
 SCALE_ERROR: Final = 0.03
@@ -136,7 +136,8 @@ class SwayConfig:
     cutoff_hz: Positive = 1.5  # Hz, cutoff of the low-pass filter; a standing body sways below 1 Hz
     shortest_bout_s: Positive = 5.0  # s, minimum duration of a bout of standing
     settle_s: NotNegative = 1.0  # s, time after standing up that is left out: the body is not at rest yet
-    times_noise: Annotated[float, Field(ge=1)] = 2.0  # minimum reported sway, in multiples of what noise alone gives
+    # minimum reported sway, in multiples of the sway that noise alone gives
+    times_noise: Annotated[float, Field(ge=1)] = 2.0
 
 
 class Bout(NamedTuple):
@@ -208,14 +209,15 @@ def _values(session: Session, bouts: list[Bout], config: SwayConfig) -> list[tup
         ("sway_velocity", path / seconds if path >= config.times_noise * noise else None, path_sigma / seconds),
         ("sway_rms_ap", float(rms[0]) if rms[0] >= config.times_noise * error else None, float(rms_sigma[0])),
         ("sway_rms_ml", float(rms[1]) if rms[1] >= config.times_noise * error else None, float(rms_sigma[1])),
-        # the ellipse's area has the relative errors of both its axes, so the shorter axis must exceed its noise too
+        # the ellipse's area has the relative errors of both axes of the ellipse, so the shorter axis must exceed its
+        # noise, too
         ("sway_ellipse_area", float(area_cm2) if axes.min() >= config.times_noise * error else None, float(area_sigma)),
     ]
 
 
 def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
-    """Return sigma of a measure of sway. It combines ``SCALE_ERROR`` with the amount by which noise, which adds to the
-    true sway in quadrature, enlarges the value.
+    """Return sigma of a measure of sway. This sigma combines ``SCALE_ERROR`` with the amount by which noise, which adds
+    to the true sway in quadrature, enlarges the value.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
     spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
@@ -259,9 +261,9 @@ def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> fl
     """Return the speed in m/s that the centre of mass would have below the cutoff frequency by errors of measurement
     alone.
 
-    residual_m (k, 2): the movement above the cutoff frequency, which is taken as error, since no standing body moves so
-    fast. Below this frequency, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more power
-    than was measured (docs/measures.md).
+    residual_m (k, 2): the movement above the cutoff frequency, all of which is taken as error, since no standing body
+    moves so fast. Below this frequency, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more
+    power than was measured (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -1,8 +1,8 @@
 """Define events of stand training (a buckling knee, a failed stand, a recovery step), and how large they must be to
 count.
 
-An event is reported if it exceeds both a limit and the errors of measurement. This project defines the limits for which
-no source is named.
+An event is reported if it exceeds both a limit and the errors of measurement. Limits without a named source are this
+project's own.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ ONSET_SIGMA_S: Final = 0.04
 """Standard deviation in s of the error of an event's onset, measured on constructed events (docs/measures.md)."""
 
 BRIEF_SHARE: Final = 0.7
-"""Share of the variance of an angle's error that two frames of a buckle, about 0.4 s apart, have in common: the
-systematic half, and of the random half, which lasts for ``CORRELATION_S``, what does not change from frame to frame.
+"""Share of the variance of an angle's error that two frames of a buckle, about 0.4 s apart, have in common. It consists
+of the systematic half, and of the part of the random half (with the correlation time ``CORRELATION_S``) that does not
+change between the two frames.
 """
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - BRIEF_SHARE)))
-"""Ratio of the sigma of an angle's change between two frames to the sigma of the angle. It is below sqrt(2), since both
-values have most of their error in common.
+"""Ratio of the sigma of an angle's change between two frames to the sigma of the angle. The ratio is below sqrt(2),
+since both values have most of their error in common.
 """
 
 
@@ -47,7 +48,8 @@ class EventConfig:
     # 15
     buckle_deg: Annotated[float, Field(gt=0, lt=90)] = 20.0
     fast_s: Positive = 0.4  # s, maximum time in which the knee bends by buckle_deg
-    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0  # degrees, least bend beyond the other knee's; less: squat
+    # degrees, minimum bend of a buckling knee beyond the other knee's; with less, the movement is a squat
+    lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
     # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
@@ -64,7 +66,7 @@ class Event:
     ``EPISODE_KINDS``.
 
     depth, sigma: in ``unit``: degrees for a buckle, share of the way from the seat to standing for a failed stand,
-    millimetres beyond the feet for a recovery step. state_code: the worst state of the joints by which it was
+    millimetres beyond the feet for a recovery step. state_code: the worst state of the joints by which the event was
     recognised.
     """
 
@@ -118,8 +120,8 @@ ROUNDING_S: Final = 0.001
 
 
 EARLY, LATE = 0.1, 0.4
-"""Shares of an event's depth; its onset is extrapolated from the times at which they are reached. Below ``EARLY``,
-noise hides the movement; beyond ``LATE``, the patient may already have caught themselves.
+"""Shares of an event's depth; the event's onset is extrapolated from the times at which these shares are reached. Below
+``EARLY``, noise hides the movement; beyond ``LATE``, the patient may already have caught themselves.
 """
 
 
@@ -127,8 +129,8 @@ def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) 
     """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows:
     contain the onset, and end where the movement is deepest.
 
-    The movement accelerates from rest, so its depth grows with the square of the time. If it reaches a tenth of the
-    depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.
+    The movement accelerates from rest, so its depth grows with the square of the time. If the movement reaches a tenth
+    of its depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.
     """
     depth = float(values[rows.stop - 1]) - base
     late = rows.start + int(np.argmax(values[rows] >= base + LATE * depth))
@@ -149,7 +151,7 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency. It combines sigma_s, the sigma of the latency's end, with the uncertainty of its
-    beginning, which may lie up to one frame before the first frame.
+    """Return sigma of a latency. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
+    the latency's beginning, which may lie up to one frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

@@ -72,15 +72,15 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
 
 
 def _sigma_near(sigma: np.ndarray, there: np.ndarray) -> float:
-    """Return the sigma of a percentile: the root mean square sigma of the frames ``there``, which lie beyond the
-    percentile. This sigma does not decrease with the number of frames.
+    """Return the sigma of a percentile: the root mean square of the sigmas in the frames ``there``, whose values lie
+    beyond the percentile. This sigma does not decrease with the number of frames.
     """
     return float(np.sqrt(np.mean(sigma[there] ** 2)))
 
 
 def _straight_time(session: Session, side: str, straight_deg: float) -> Measure:
-    """Measure the time with a straight knee while upright. Its sigma is half of the difference between the times that
-    result if all angles are smaller, or larger, by their systematic sigma.
+    """Measure the time with a straight knee while upright. Its sigma is half of the difference between two times: the
+    times that would result if all angles were smaller, or larger, by their systematic sigma.
     """
     used, knee = known_upright(session, f"knee_flexion_{side}")
     if not used.any():
@@ -128,7 +128,7 @@ class FeetLoad(NamedTuple):
     worst state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
-    mass lies beyond an ankle: feet alone could not carry a patient who stands still.
+    mass lies beyond an ankle: the feet alone could not carry a patient who stands still in this way.
     """
 
     rightwards: np.ndarray
@@ -137,8 +137,8 @@ class FeetLoad(NamedTuple):
 
 
 def feet_load(joints: JointTable, com: CentreOfMass) -> FeetLoad:
-    """Return the load on the feet by the place of the centre of mass between the ankles, seen from above: if it lies
-    midway, each foot carries one half.
+    """Return the load on the feet by the place of the centre of mass between the ankles, seen from above: with the
+    centre of mass midway, each foot carries one half.
     """
     left, right = (joints.position_m[:, joint][:, [0, 2]] for joint in ANKLES)
     width = np.linalg.norm(right - left, axis=1)
@@ -176,7 +176,7 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Length in s of the window of the running median over an angle. By the median, an extreme angle counts only if it is
+"""Length in s of the window of the running median over an angle. With a median, an extreme angle counts only if it is
 held for about half of the window: the extreme in a single frame is mostly error.
 """
 
@@ -184,8 +184,8 @@ LEAST_S: Final = 1.0  # s, minimum duration of a stretch in which the angle is k
 
 
 def range_measures(session: Session) -> list[Measure]:
-    """Return, for every joint's angle and side, the range of the angle in degrees (measure ``ANGLE_range``). It has no
-    value if the joint moved by no more than the errors of its angle.
+    """Return, for every joint's angle and side, the range of the angle in degrees (measure ``ANGLE_range``). The
+    measure has no value if the joint moved by no more than the errors of its angle.
     """
     names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
     return [_range(session, angle, side) for angle, side in names]

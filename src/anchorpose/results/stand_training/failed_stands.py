@@ -55,7 +55,9 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Share of ``failed_rise`` (minimum rise of a failed stand); once the rise is below it, the patient sits again."""
+"""Share of ``failed_rise`` (the minimum rise of a failed stand); once the rise falls below this share, the patient sits
+again.
+"""
 
 BEFORE_S: Final = 1.5
 """Time in s before the pelvis leaves the seat; the rise is measured from the median height in this time. The rise

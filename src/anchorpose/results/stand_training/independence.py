@@ -56,8 +56,9 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: the name of its angle, None for the trunk's inclination. regions:
-    regions where a contact helps to extend it. beside: neighbouring regions; a hand on the border may be reported in
-    one of these. joints: joints at ``regions``; if one is unseen, a hand that holds the part may be unseen too.
+    regions where a contact helps to extend the part. beside: neighbouring regions; a hand on the border may be reported
+    in one of these. joints: joints at ``regions``; if one of them is unseen, a hand that holds the part may be unseen,
+    too.
     """
 
     name: str
@@ -101,7 +102,7 @@ PARTS: Final = _parts()
 
 def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
     """Return, for each part, the time extended, the time extended without another person's hand on the part, and the
-    time and bouts extended with neither such a hand nor equipment on the part. Then follow bouts upright without help,
+    time and bouts extended with neither such a hand nor equipment on the part. Also return bouts upright without help,
     and the upright time for each number of hands with which the patient holds on.
     """
     rows = list[Measure]()
@@ -140,8 +141,8 @@ def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Ext
 
 
 def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """Return (n,) bool: whether the part is extended. It stays extended until it exceeds ``bent_deg`` (hysteresis). A
-    knee bent backwards (a negative angle) counts as extended.
+    """Return (n,) bool: whether the part is extended. An extended part stays extended until its angle exceeds
+    ``bent_deg`` (hysteresis). A knee bent backwards (a negative angle) counts as extended.
     """
     return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
 
@@ -229,7 +230,9 @@ OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """Return a measure: the time of the frames of ``free``, or of their longest unbroken bout if ``longest``."""
+    """Return a measure: the total time of the frames of ``free``, or the time of their longest unbroken bout if
+    ``longest``.
+    """
     runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
     value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
@@ -240,8 +243,8 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts, for which the upper limit is reported.
 
-    The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
-    root-mean-square distance from the upper end is ``unsure_s`` / sqrt(3), twice that from the middle.
+    The true time may be less by up to ``unsure_s``. If the true time is uniformly distributed over this range, its
+    root-mean-square distance from the upper end is ``unsure_s`` / sqrt(3), which is twice its distance from the middle.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 
@@ -284,8 +287,8 @@ def _holding(session: Session) -> list[Measure]:
     """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on it counts
     as a hand.
 
-    A frame in which a lost hand has no reported contact counts for none of the three times. A hand that is hidden or
-    lost makes all three times uncertain.
+    If a hand is lost and has no reported contact in a frame, this frame counts for none of the three times. A hand that
+    is hidden or lost makes all three times uncertain.
     """
     why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
     if why is not None or session.supports is None:

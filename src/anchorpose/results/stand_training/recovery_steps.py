@@ -44,8 +44,8 @@ _FEET: Final = [*ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 """Unit vectors (2, 72) at equal angles. A point's distance from a convex outline is found by measuring, in every
-direction, how far the point lies beyond the outline; the largest value is the distance. These 72 directions give it
-within 0.1 %.
+direction, how far the point lies beyond the outline; the largest value is the distance. These 72 directions give the
+distance within 0.1 %.
 """
 
 

@@ -1,6 +1,6 @@
 """Decide whether the patient is upright in each frame, and define ``Session``, the inputs of all measures.
 
-Upright is decided by the inclination of thigh and trunk and the height of the pelvis.
+Whether the patient is upright is decided by the inclination of thigh and trunk and the height of the pelvis.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from anchorpose.settings import Positive, settings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """How the patient stands or sits in every frame; NaN where a joint is lost. Each value has a standard deviation.
+    """How the patient stands or sits in every frame; NaN where a joint is lost. Each value except ``behind_m`` has a
+    standard deviation.
 
     thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip;
-    a patient who raises one leg stands on the other. trunk_deg (n,): angle of the line from SpineBase to SpineShoulder
-    against the vertical, in any direction. height (n,): height of the midpoint of the hips above the lower ankle, in
-    leg lengths: 1 = standing straight. behind_m (n,): distance of the centre of mass behind the midpoint of the ankles;
-    it has no sigma.
+    the nearer thigh counts, since a patient who raises one leg stands on the other leg. trunk_deg (n,): angle of the
+    line from SpineBase to SpineShoulder against the vertical, in any direction. height (n,): height of the midpoint of
+    the hips above the lower ankle, in leg lengths: 1 = standing straight. behind_m (n,): distance of the centre of mass
+    behind the midpoint of the ankles.
     """
 
     thigh_deg: np.ndarray
@@ -102,7 +103,7 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, both_m = [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]], height[:, ANKLES]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ANKLES].mean(axis=1))
-    # min, not nanmin: if an ankle is lost, it is unknown which is lower
+    # min, not nanmin: if an ankle is lost, it is unknown which ankle is lower
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
@@ -139,8 +140,8 @@ class UprightConfig:
     ``leave`` limits is passed (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
-    doi:10.1123/jpah.2011-0347). By the thigh alone, kneeling and hanging over a rail would count as upright; the limits
-    of the pelvis' height and of the trunk's inclination exclude them.
+    doi:10.1123/jpah.2011-0347). If only the thigh were tested, kneeling and hanging over a rail would count as upright;
+    the limits of the pelvis' height and of the trunk's inclination exclude these postures.
     """
 
     thigh_enter_deg: Positive = 40.0
@@ -181,7 +182,7 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
     """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. From a frame with a lost joint on, the value is
-    ``UNKNOWN`` until a later frame meets the limits for becoming upright or passes a wider one.
+    ``UNKNOWN`` until a later frame meets the limits for becoming upright or passes a ``leave`` limit.
 
     shift: as in ``upright_limits``.
     """
@@ -189,9 +190,9 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the state in each frame, int8 (n,). It stays the same until a frame changes it: to 1 if the frame
-    ``begins`` the state, to 0 if it ``ends`` the state, to -1 (unknown) if it is not ``known``. Before the first such
-    frame, it is -1.
+    """Return the state in each frame, int8 (n,). The state stays the same until a frame changes it: to 1 if the frame
+    ``begins`` the state, to 0 if the frame ``ends`` the state, to -1 (unknown) if the frame is not ``known``. Before
+    the first change, the state is -1.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
@@ -236,12 +237,12 @@ class Session:
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with people; None if they are unknown."""
+        """Return the contacts with people; None if contacts are unknown."""
         return None if self.contacts is None else with_people(self.contacts)
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with the equipment; None if they are unknown."""
+        """Return the contacts with the equipment; None if contacts are unknown."""
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
@@ -293,5 +294,5 @@ def _measure(measure: str, unit: str, state_code: np.ndarray, **values: Any) -> 
 
 
 def inferred_share(state_code: np.ndarray) -> float | None:
-    """Return the share of the frames in ``state_code`` in which a joint used was not seen; None for no frames."""
+    """Return the share of the frames in ``state_code`` in which a used joint was not seen; None without frames."""
     return float(np.mean(state_code > 0)) if len(state_code) else None

@@ -1,8 +1,8 @@
 """Find steps by the times at which a foot leaves the floor and comes down again, and compute measures of steps.
 
 A foot swings while its ankle moves over the floor and the other ankle rests. Joints do not show forces, so foot off and
-foot strike are taken to be the moments at which the ankle's movement begins and ends. Both have an error of some
-hundredths of a second.
+foot strike are taken to be the moments at which the ankle's movement begins and ends. The times of both have an error
+of some hundredths of a second.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 
 SMOOTHING_S: Final = 0.06
-"""Standard deviation in s of the kernel that smooths the ankles' paths; short against a swing, which lasts 0.3 s or
-more.
+"""Standard deviation in s of the kernel that smooths the ankles' paths; it is short compared to a swing, which lasts
+0.3 s or more.
 """
 
 MOVES_M_PER_S: Final = 0.20
@@ -94,8 +94,8 @@ def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> lis
 
 
 def _whole(runs: Iterable[slice], height_m: np.ndarray) -> list[slice]:
-    """Join two runs of an ankle's movement to one swing if the foot is in the air in the pause between them, where the
-    ankle is then higher than at rest.
+    """Join two runs of an ankle's movement to one swing if the foot is in the air in the pause between them: the ankle
+    is then higher than at rest.
     """
     whole = list[slice]()
     for run in runs:
@@ -149,7 +149,9 @@ def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
 
 
 def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
-    """Return count, swing time and step length per side, and the time from a foot's strike to the other foot's."""
+    """Return count, swing time and step length per side, and the time from one foot's strike to the strike of the other
+    foot.
+    """
     rows = [measure for side in ("left", "right") for measure in _of_side(session, steps, side)]
     time_s = session.joints.time_s
     between = [
@@ -187,8 +189,8 @@ def _of_side(session: Session, steps: list[Step], side: str) -> list[Measure]:
 def _mean(
     session: Session, name: str, side: str | None, unit: str, found: list[tuple[float, Step]], sigma: float, why: str
 ) -> Measure:
-    """Return the mean of the values in ``found`` as a measure. Of the variance (sigma^2) of each value's error, one
-    half is assumed, not measured, to be common to all values.
+    """Return the mean of the values in ``found`` as a measure. Half of the variance (sigma^2) of each value's error is
+    assumed (not measured) to be common to all values.
     """
     if not found:
         return unknown(name, unit, why, side)

@@ -26,8 +26,8 @@ SIDES: Final = ("left", "right")
 TIMES: Final = 5  # number of rises in the test
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Maximum times in s between two changes of posture in the test: seated (``LONGEST_SEATED_S``) or standing. A patient
-who rests longer on the seat does another test; standing may last longer, until the patient is steady.
+"""Maximum times in s between two changes of posture in the test, while seated (``LONGEST_SEATED_S``) or while standing.
+A patient who rests longer on the seat does another test; standing may last longer, until the patient is steady.
 """
 
 TOUCH_S: Final = 0.1
@@ -50,7 +50,7 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s is of both ends; here one counts
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers two ends; here one counts
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
@@ -76,17 +76,17 @@ exceeds ``STILL_LEVEL_DEG``.
 """
 
 STRAIGHT: Final = 0.92
-"""Minimum distance from shoulder to wrist, as a share of the arm's length; above it, the elbow is bent by less than 45
-degrees.
+"""Minimum distance from shoulder to wrist, as a share of the arm's length; above this share, the elbow is bent by less
+than 45 degrees.
 """
 
 FORWARD: Final = 0.85
-"""Minimum forward component of the raised arm, as a share of its length; above it, the arm points at most 32 degrees to
-a side.
+"""Minimum forward component of the raised arm, as a share of the arm's length; above this share, the arm points at most
+32 degrees to a side.
 """
 
 BASE_M: Final = 0.05  # m, maximum movement of an ankle while the foot counts as in its place
-START_S: Final = 0.5  # s, first part of a reach; the reach is measured from the wrist's median place in it
+START_S: Final = 0.5  # s, first part of a reach; the reach is measured from the wrist's median place in this time
 LEAST_REACH_S: Final = 1.0  # s, minimum duration of a reach
 
 
@@ -158,8 +158,8 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
-"""Heights in m of one ankle above the other: the foot counts as off the floor while it is above ``LOWERED_M``, if it
-rises above ``LIFTED_M`` at any time in between.
+"""Limits in m of the height of one ankle above the other. The higher foot counts as off the floor while this height
+exceeds ``LOWERED_M``, if it exceeds ``LIFTED_M`` at any time in between.
 """
 
 LEAST_STANCE_S: Final = 1.0
@@ -178,7 +178,7 @@ def single_leg_stance(session: Session, side: str) -> Measure:
     )
     runs = [
         _longest_on_one_leg(session, height + shift * error, stands) for shift in (0.0, -1.0, 1.0)
-    ]  # heights as measured, then lower, then higher by their systematic sigma
+    ]  # heights as measured, then heights lowered, then raised by their systematic sigma
     run, seconds = runs[0]
     if run is None or seconds < LEAST_STANCE_S:
         why = f"the other foot was never seen off the floor for {LEAST_STANCE_S:g} s while upright on a foot in place"
@@ -203,7 +203,7 @@ def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> 
 
 
 def task_measures(session: Session, config: TransitionConfig) -> list[Measure]:
-    """Return the measures of the three tests; functional reach and one-leg stance have one per side."""
+    """Return the measures of the three tests; functional reach and one-leg stance have one measure per side."""
     return [
         five_times_sit_to_stand(session, config),
         *(functional_reach(session, side) for side in SIDES),

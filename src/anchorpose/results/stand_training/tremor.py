@@ -33,7 +33,9 @@ MOVEMENT_HZ: Final = 1.0
 """Power up to this frequency in Hz comes from posture and slow movement; it is left out of ``Window.share``."""
 
 PEAK_HZ: Final = 0.75
-"""Hz, half width of a peak: that of a Hann window of 2 s, plus one frequency step since the frequency varies."""
+"""Hz, half width of a peak: the half width for a Hann window of 2 s, plus one frequency step since the frequency
+varies.
+"""
 
 JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}

@@ -23,7 +23,8 @@ NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
 """Percentile of the pelvis' height in sitting that is taken as the seated height. For the standing height, 100 minus
-this percentile is used. A median would be affected by frames of the rise, an extreme by the noise of a single frame.
+this percentile is used. A median would be affected by frames of the rise, an extreme value by the noise of a single
+frame.
 """
 
 
@@ -87,8 +88,8 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Return sigma of the upright time: half of the difference between the times that result if all values are shifted
-    by one sigma towards standing, and by one sigma away from it.
+    """Return sigma of the upright time: half of the difference between two times: the upright times that result if all
+    values are shifted by one sigma towards standing, and by one sigma away from it.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -106,18 +107,21 @@ class TransitionConfig:
     """Settings of transitions between sitting and standing. A patient sits if both thighs are nearly level, the pelvis
     rests for a while, and the centre of mass is behind the heels.
 
-    So a squat is not sitting: a short squat has no rest, and nobody squats with the centre of mass behind the heels.
-    Standing must last, too: a patient who nearly stands and sinks back has not stood up.
+    So a squat does not count as sitting: the pelvis does not rest in a short squat, and nobody squats with the centre
+    of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood up.
     """
 
-    seated_enter_deg: Positive = 65.0  # degrees from the vertical; sitting begins if both thighs exceed it
-    seated_leave_deg: Positive = 55.0  # degrees from the vertical; sitting ends if a thigh is below it
+    # degrees from the vertical; sitting begins if the inclination of both thighs exceeds this
+    seated_enter_deg: Positive = 65.0
+    # degrees from the vertical; sitting ends if the inclination of a thigh is below this
+    seated_leave_deg: Positive = 55.0
     behind_feet_m: Positive = 0.07  # m, least distance of a seated centre of mass behind the ankles: a heel plus errors
     rest_s: Positive = 1.0  # s, minimum time of the pelvis within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
     settle_s: Positive = 3.0  # s, time before and after a transition in which the heights of both postures are measured
-    edge: Positive = 0.05  # share of the height's change before the transition begins, and again after it ends
-    longest_s: Positive = 20.0  # s, maximum duration of a transition; a longer one includes a pause
+    # share of the height's change that happens before the transition begins, and again after it ends
+    edge: Positive = 0.05
+    longest_s: Positive = 20.0  # s, maximum duration of a transition; a longer transition includes a pause
 
     def __post_init__(self) -> None:
         if not self.seated_leave_deg <= self.seated_enter_deg < 90:
@@ -146,8 +150,8 @@ class Postures(NamedTuple):
 
 
 def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
-    """Return the runs of frames in which the patient sits, and those in which the patient stands; in each, the pelvis
-    is at rest for at least ``rest_s``. state (n,): as ``upright`` returns it.
+    """Return the runs of frames in which the patient sits, and the runs in which the patient stands; in each run, the
+    pelvis is at rest for at least ``rest_s``. state (n,): as ``upright`` returns it.
     """
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
@@ -246,7 +250,7 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1], JOINT_SHARE)))
-    noise /= abs(end_level - start_level)  # as a share of the height's change, like ``edge``
+    noise /= abs(end_level - start_level)  # now as a share of the height's change, like ``edge``
     shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
     lengths = list[float]()
     for edge in (config.edge, config.edge + shake, config.edge - shake):
@@ -255,7 +259,7 @@ def _transition(
     first, last = _moving(way, middle, config.edge)
     step = usual_step_s(time_s[before.start : after.stop])
     off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # effect of ``noise`` on duration
-    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # with sampling: ends lie between frames
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # error of sampling: ends lie between frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
@@ -270,7 +274,7 @@ def _level(
     """Return the height of a posture in the seconds next to the transition: the run's last seconds, or its first."""
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
-    return float(np.nanpercentile(height[run][near], percentile))  # nan-: an ankle may be lost while seated
+    return float(np.nanpercentile(height[run][near], percentile))  # ignores NaN: an ankle may be lost while seated
 
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:

@@ -23,7 +23,9 @@ class Lane:
         return float(np.linalg.norm(place_m - start - share * along)) - self.radius_m
 
     def crossings_m(self, z_m: float) -> tuple[float, ...]:
-        """Return the x at which the lane's centre line crosses z = z_m, as a tuple of one; empty if there is none."""
+        """Return the x at which the lane's centre line crosses z = z_m, as a tuple of one number; empty if the line
+        does not cross it.
+        """
         (x0, z0), (x1, z1) = self.start_m, self.end_m
         if (z0 - z_m) * (z1 - z_m) >= 0.0:
             return ()

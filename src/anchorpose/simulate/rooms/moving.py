@@ -42,7 +42,8 @@ class Mover:
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
     """Return a piece that stands at ``starts_m`` along a lane until a person who walks along the lane pushes it.
 
-    The piece faces the direction of the push. It stays at the place at which the person turns back.
+    The piece faces the direction of the push. After the push, the piece stays at the place at which the person turns
+    back.
     """
     times_s = np.arange(-BEFORE_S, seconds + BEFORE_S, STEP_S)
     start, along = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)

@@ -1,4 +1,4 @@
-"""Draw the people of a room: the patient, others who sit, stand or walk through, and a mannequin."""
+"""Draw the people of a room: the patient, other people who sit, stand or walk through, and a mannequin."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def draw_bystander(rng: np.random.Generator, config: SimulationConfig, seat: Sea
 
 
 def seated(actor: Actor) -> Actor:
-    """Return the same person, who is seated for the whole recording."""
+    """Return the person, seated for the whole recording."""
     sits = Movement(seated_offsets(actor.person), LONG_AGO_S, 1.0, 1e4, 1.0)
     return replace(actor, movements=[sits, *actor.movements])
 
@@ -89,7 +89,9 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the same person, who only rises from the seat, so that a wheelchair is also fitted to standing legs."""
+    """Return the person with rising from the seat as the only movement, so that a wheelchair is also fitted to standing
+    legs.
+    """
     if isinstance(patient, CapturedActor):
         return patient
     rises = Movement(seated_offsets(patient.person), LONG_AGO_S, 1.0, -LONG_AGO_S - 0.7, 0.5)
@@ -125,7 +127,9 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat forward by ``share`` times the distance that sitting down moves the pelvis back."""
+    """Move a person and the seat forward by ``share`` times the distance by which the pelvis moves back in sitting
+    down.
+    """
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])
     return moved_actor(patient, place, 0.0), None if seat is None else seat.placed(place, 0.0)

@@ -10,7 +10,7 @@ from pydantic import Field
 from anchorpose.settings import settings
 from anchorpose.simulate.sensor import SENSORS
 
-Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # if the head is cut off, the feet may be too
+Framing = Literal["whole", "feet-cut-off", "head-cut-off"]  # if the head is cut off, the feet may be cut off, too
 Posture = Literal["stands", "sits", "stands-up"]
 Seat = Literal["stool", "chair", "wheelchair"]
 Other = Literal["sits", "stands", "passes-before", "passes-behind"]
@@ -45,7 +45,7 @@ INSIDE_RAD: Final = float(np.radians(1.5))  # rad; a head or foot at least this 
 SEATED_SHARE: Final = 0.76  # height of the top of a seated person's head, as a share of the stature
 MIDDLE_SHARE: Final = 0.55  # height of the patient's middle, always in view, as a share of the head's height
 ROOM_SENSORS: Final = ("kinect-v2", "azure-kinect", "realsense", "kinect-v1", "realsense-filtered")
-SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)  # probabilities of ``ROOM_SENSORS``
+SENSOR_CHANCES: Final = (0.2, 0.15, 0.15, 0.2, 0.3)  # probability of each sensor in ``ROOM_SENSORS``
 FRAMINGS: Final = get_args(Framing)
 POSTURES: Final = get_args(Posture)
 LOW: Final[tuple[Clutter, ...]] = ("table", "chair", "stool", "boxes", "wheelchair")  # furniture in front of the legs

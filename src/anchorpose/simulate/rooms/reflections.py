@@ -11,7 +11,7 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # m, smaller than all depths; pixels with this depth are not drawn over
+NEARER_THAN_ALL_M: Final = 1e-3  # m, smaller than all depths, so pixels with this depth are not drawn over
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ def reflected(mirror: Mirror, figure: Figure) -> Figure:
 
 
 def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirror: Mirror | None) -> RoomPicture:
-    """Render all that never moves: triangles (n, 3, 3), world metres; shiny (n,) bool: those of bare metal."""
+    """Render all that never moves. triangles (n, 3, 3): world metres; shiny (n,) bool: triangles of bare metal."""
     shape = (camera.height, camera.width)
     directions = ray_directions(camera)
     glass = np.zeros((0, 3, 3)) if mirror is None else mirror.triangles

@@ -191,7 +191,7 @@ def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: b
 
 
 def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
-    """Add a person who pushes furniture from one place on a lane to another, and leaves it there."""
+    """Add a person who pushes furniture from one place on a lane to another place, and leaves it there."""
     start, gap = np.array(lane.start_m), np.subtract(lane.end_m, lane.start_m)
     starts, ends = rng.uniform(0.3, 0.42), rng.uniform(0.55, 0.68)
     stop = start + ends * gap
@@ -223,7 +223,9 @@ def _add_mannequin(rng: np.random.Generator, draft: _Draft) -> None:
 
 
 def _free_place(rng: np.random.Generator, draft: _Draft, radius_m: float) -> np.ndarray | None:
-    """Return a free place (2,), x and z, in the camera's view, and add it to ``draft.taken``; None if there is none."""
+    """Return a free place (2,), x and z, in the camera's view, and add it to ``draft.taken``; return None if no place
+    is free.
+    """
     o, camera = draft.outline, draft.camera_m[[0, 2]]
     axis = -camera / np.linalg.norm(camera)
     for _ in range(TRIES):

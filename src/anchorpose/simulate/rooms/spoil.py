@@ -14,7 +14,7 @@ DARK_LOSS: Final = (0.15, 0.55)  # range of the share of pixels of black cloth t
 SHINY_LOSS: Final = (0.3, 0.8)  # range of the share of pixels of bare metal that have no reading
 BURST_CHANCE: Final = 0.15  # probability that another camera's light disturbs a frame
 BURST_SHARE: Final = (0.08, 0.35)  # range of the share of disturbed pixels in a disturbed frame
-WRONG_SHARE: Final = 0.4  # share of the disturbed pixels with a wrong reading; the others have no reading
+WRONG_SHARE: Final = 0.4  # share of the disturbed pixels with a wrong reading; the rest have no reading
 WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 
 

@@ -25,21 +25,21 @@ class Outline:
 
     front_m: float  # x of the wall behind the camera
     back_m: float  # x of the wall behind the patient
-    left_m: float  # z of the wall to the left, as the camera sees it
-    right_m: float  # z of the wall to the right
+    left_m: float  # z of the left wall, as seen by the camera
+    right_m: float  # z of the right wall, as seen by the camera
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
     """A rectangle on the back wall: an opening, a mirror or a poster."""
 
-    from_m: float  # z where it begins
-    to_m: float  # z where it ends
+    from_m: float  # z where the panel begins
+    to_m: float  # z where the panel ends
     low_m: float  # height of the lower edge
     high_m: float  # height of the upper edge
 
     def apart(self, other: Panel) -> bool:
-        """Return whether there is at least a hand's breadth (0.1 m) between two panels along the wall."""
+        """Return whether two panels are at least a hand's breadth (0.1 m) apart along the wall."""
         return self.to_m + 0.1 < other.from_m or other.to_m + 0.1 < self.from_m
 
 
@@ -62,7 +62,9 @@ class Mirror:
 
 @dataclass(frozen=True, slots=True)
 class BackWall:
-    """The opening in the back wall and the objects on it; None for each that does not exist."""
+    """The opening in the back wall and the objects on the wall; each field is None if the room has no such opening or
+    object.
+    """
 
     opening: Panel | None
     way_out: bool  # True: the opening is a doorway, open or with a door that opens; False: it is a window
@@ -73,8 +75,8 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    range_m: the sensor's range. A door that opens during the recording is within this range; so is the mirror image of
-    the patient, if there is enough space.
+    range_m: the sensor's range. A door that opens during the recording is within this range. The mirror image of the
+    patient is within it, too, if the room has enough space.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
@@ -212,7 +214,9 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """Draw a panel in ``seen`` (z range), apart from the ``taken`` ones; add it to them. None if no space is left."""
+    """Draw a panel in ``seen`` (z range), apart from all panels in ``taken``, and add it to ``taken``. Return None if
+    no space is left.
+    """
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
         if wide_m > seen[1] - seen[0]:

@@ -32,7 +32,7 @@ SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the 
 
 FALL_M: Final = (0.32, 0.42)  # m, range of a fall's length; a fall takes the extrapolated centre of mass off the soles
 FALL_S: Final = 0.8  # s, duration of the fall forward
-# s from the start of the fall until a foot leaves the floor, and from then until it strikes the floor
+# s from the start of the fall until a foot leaves the floor, and from foot off until foot strike
 STEP_AFTER_S, STEP_S = 0.45, 0.35
 STRIDE_M: Final = 0.35  # m, length of the recovery step
 # s from the start of the fall until body and foot begin to go back, and duration of going back
@@ -40,7 +40,7 @@ BACK_AFTER_S, BACK_S = 2.5, 1.0
 RECOVERY_S: Final = BACK_AFTER_S + BACK_S + HANDS_S
 
 CLONUS_HZ: Final = (3.5, 7.0)  # Hz, range of a clonus's frequency
-CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of a clonus's amplitude at the knee; that of the ankle is half as large
+CLONUS_DEG: Final = (2.0, 5.0)  # degrees, range of a clonus's amplitude at the knee; at the ankle, it is half as large
 CLONUS_S: Final = 4.0  # s, duration of a clonus: two analysis windows (2 s each) of the measure of tremor
 SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and subsides at its end
 
@@ -62,7 +62,7 @@ class SessionPatient(Actor):
     happenings: tuple[Happening, ...] = ()  # incidents, sorted by time
 
     def sits(self) -> bool:
-        """Return whether there is a failed stand, for which the patient needs a seat."""
+        """Return whether a trial has a failed stand, for which the patient needs a seat."""
         return any(happening.kind == "failed_stand" for happening in self.happenings)
 
 
@@ -124,7 +124,7 @@ def _falls(trial: PlannedTrial) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The movements and steps that an incident adds to those of the trial."""
+    """The movements and steps that an incident adds to the trial's own movements and steps."""
 
     happening: Happening
     movements: tuple[Movement, ...]

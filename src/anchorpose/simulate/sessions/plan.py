@@ -29,7 +29,7 @@ SCATTER_DEG: Final = 1.5
 LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
-# share of the trial that is left when the knees begin to bend again, unless stimulation holds them longer
+# share of the trial that is left when the knees begin to bend again, unless stimulation holds the knees extended longer
 LETS_GO: Final = 0.15
 
 
@@ -39,12 +39,12 @@ class SessionConfig:
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
-    amplitude_v: Positive = 4.0  # V, amplitude of the stimulation in the trials that have it
+    amplitude_v: Positive = 4.0  # V, amplitude of the stimulation in the trials with stimulation
     effect_deg: Annotated[float, Field(ge=0, le=10)] = 5.0  # degrees by which stimulated knees are straighter
     effect_s: NotNegative = 0.0  # s by which stimulated knees stay extended longer, at most until the trial's end
     helped: When = "off"  # trials in which therapists hold knees and hips, from beginning to end
     hands_off: When = "on"  # trials in which the hands are off the rails, from beginning to end
-    # number of incidents of each kind in ``INCIDENTS``; they are in random trials, at most one per trial
+    # number of incidents of each kind in ``INCIDENTS``; incidents are in random trials, at most one per trial
     incidents: Annotated[int, Field(ge=0)] = 1
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class PlannedTrial:
 
 STANDS_AT_S: Final = 5.0  # s from the onset of a trial with a failed stand until the patient stands up
 STANDING_UP_S: Final = 1.8  # s, duration of standing up, and of sitting down
-UP_S: Final = STANDS_AT_S + STANDING_UP_S  # s from the onset of such a trial until the patient is upright
+UP_S: Final = STANDS_AT_S + STANDING_UP_S  # s from the onset of a failed stand's trial until the patient is upright
 
 
 def draw_plan(rng: np.random.Generator, config: SessionConfig) -> tuple[PlannedTrial, ...]:

@@ -81,8 +81,9 @@ def _both(
 ) -> tuple[Method, Method]:
     """Return two methods with one descriptor: with the best of all tried settings, and with ``USUAL_RADIUS_M``.
 
-    Their difference shows the effect of tuning. setting: returns the setting for a radius and for one of two variants
-    (0 or 1) of the descriptor or its metric. first_m: the radius that is tried first, and used without tuning.
+    The difference between the two methods' errors shows the effect of tuning. setting: returns the setting for a radius
+    and for one of two variants (0 or 1) of the descriptor or its metric. first_m: the radius that is tried first, and
+    used without tuning.
     """
     radii = sorted(RADII_M, key=lambda radius: radius != first_m)
     chosen = tuple(setting(radius, variant) for radius in radii for variant in (0, 1))

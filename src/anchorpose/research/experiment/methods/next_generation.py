@@ -1,7 +1,8 @@
-"""Match nodes by distances to anchors together with the local descriptor SHOT; the paper calls this its future work.
+"""Match nodes by distances to anchors together with the local descriptor SHOT, a combination that the paper leaves to
+future work.
 
-The two complement each other. A local descriptor distinguishes a node from its neighbours but confuses distant places.
-Distances to anchors distinguish distant places but confuse neighbours.
+The two features complement each other. A local descriptor distinguishes a node from its neighbours but confuses distant
+places. Distances to anchors distinguish distant places but confuse neighbours.
 """
 
 from __future__ import annotations
@@ -25,15 +26,17 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-# sigma^2; a greater squared deviation of a distance or place is set to this, since occlusions change distances; so is
-# the deviation of an unknown distance
+# sigma^2, maximum squared deviation of a distance or place; greater values, which occlusions cause, are set to this
+# maximum, and so is the deviation of an unknown distance
 MOST: Final = 9.0
-# sigma^2; a greater squared deviation of a signature is set to this, since a hole beside a node changes its signature
+# sigma^2, maximum squared deviation of a signature; a hole beside a node changes its signature, so greater values are
+# set to this maximum
 MOST_SHOT: Final = 18.0
-# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s moves as far in 0.1 s, and its
-# descriptor still identifies it
+# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s moves this far in 0.1 s, and
+# its descriptor still identifies it
 GIVEN_UP_M: Final = 0.30
-ROWS: Final = 500  # number of nodes matched at once, to save memory; with 2,000 possible matches each, they need 4 MB
+# number of nodes matched at once, to save memory: 500 nodes with 2,000 possible matches each need 4 MB
+ROWS: Final = 500
 SUBSET: Final = 3  # number of anchors in a subset, N_S in the paper
 
 
@@ -84,7 +87,8 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures, from the cache: kept in this closure, they would need 16 MB for 2,000 nodes
+            # deviations of signatures are taken from the cache: if kept in this closure, they would need 16 MB for
+            # 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
@@ -108,7 +112,8 @@ def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
     Since signatures have unit length, a squared distance is 2 minus twice their scalar product.
     """
     apart2 = 2.0 * source @ target.T
-    np.subtract(2.0, apart2, out=apart2)  # in place: making new arrays of this size takes longer than the arithmetic
+    # computed in place: making new arrays of this size takes longer than the arithmetic
+    np.subtract(2.0, apart2, out=apart2)
     np.maximum(apart2, 0.0, out=apart2)
     apart2 /= np.float32(sigma**2)
     return np.asarray(np.minimum(apart2, np.float32(MOST_SHOT), out=apart2))
@@ -125,10 +130,10 @@ def most_similar(
     """Return (k, s) int32: for each node and subset of anchors, the most similar node of the other frame.
 
     Also return (k, s) float32: how much the two nodes deviate, the sum of the squared deviations of signature, place
-    and distances to the subset's anchors. A squared deviation is in units of sigma^2. That of a place or a distance is
-    at most ``MOST``, as for an unknown distance. local (k, n): squared deviations of the signatures. seen: the k nodes;
-    others: the n nodes of the other frame. per2: 1 / sigma^2 of distances and of places, 1/m2. Of equally similar
-    nodes, the node with the lower number is chosen.
+    and distances to the subset's anchors. A squared deviation is in units of sigma^2. The squared deviation of a place
+    or a distance is at most ``MOST``, the value that is also used for an unknown distance. local (k, n): squared
+    deviations of the signatures. seen: the k nodes; others: the n nodes of the other frame. per2: 1 / sigma^2 of
+    distances and of places, 1/m2. Of equally similar nodes, the node with the lower number is chosen.
     """
     match = np.zeros((len(local), len(subsets)), np.int32)
     total = np.full((len(local), len(subsets)), np.inf, np.float32)
@@ -182,7 +187,7 @@ def _add_up(
     for anchor in range(len(each)):
         off = seen[0][node, anchor] - others[0][other, anchor]
         off2 = off * off * np.float32(per2[0])
-        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # NaN is never less, so it becomes MOST
+        each[anchor] = off2 if off2 < MOST else np.float32(MOST)  # NaN is never less, so NaN becomes MOST
     for s in range(len(subsets)):
         sums[s] = base
         for anchor in subsets[s]:
@@ -190,10 +195,11 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return e_1 (5,) float32, m: how much an anchor's jitter changes all nodes' distances to it, for each anchor.
+    """Return e_1 (5,) float32, m: for each anchor, how much its jitter changes all nodes' distances to it.
 
-    It is estimated as the median, over nodes, of the node's distance minus the distance of its match by the local
-    descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local: as in ``most_similar``.
+    e_1 is estimated as the median, over nodes, of the node's distance to the anchor minus the same distance of the
+    node's match by the local descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local:
+    as in ``most_similar``.
     """
     jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
     if len(now.surface) == 0 or len(following.surface) == 0:

@@ -1,8 +1,9 @@
 """Define the paper's method exactly as its text describes it.
 
-Its anchors are the paper's extrema. For each subset of three anchors, a node's match is the node nearest to the average
-of psi, the set of nodes with similar distances to these anchors. The paper's tree chooses among these matches, and ICP
-registers each body part. Where the text leaves a choice open, docs/experiment.md states what was chosen.
+The method's anchors are the paper's extrema. For each subset of three anchors, a node's match is the node nearest to
+the average of psi, the set of nodes with similar distances to these anchors. The paper's tree chooses among these
+matches, and ICP registers each body part. Where the text leaves a choice open, docs/experiment.md states what was
+chosen.
 """
 
 from __future__ import annotations

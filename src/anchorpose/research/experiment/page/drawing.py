@@ -71,7 +71,7 @@ class FigureSpec:
     key: str
     caption: str
     tables: tuple[str, ...]  # keys of the tables that the figure needs
-    # function that draws the figure from these tables, even if they lack some methods
+    # function that draws the figure from its tables, even if the tables lack some methods
     draw: Callable[[Sequence[Table]], Any]
 
 
@@ -101,7 +101,7 @@ def _matplotlib(module: str) -> Any:
 def _settings(salt: str) -> Any:
     mpl = _matplotlib("matplotlib")
     plain: dict[str, Any] = dict(mpl.rcParamsDefault)
-    plain.pop("backend", None)  # left out, since no window is opened
+    plain.pop("backend", None)  # removed, since no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}",

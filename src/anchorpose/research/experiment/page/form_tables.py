@@ -54,7 +54,7 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, radius of the hole and column of the table: for each form, one without and one with the largest."""
+    """Return (form, radius of the hole, column of the table) for each form, with no hole and with the largest hole."""
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)
@@ -126,7 +126,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return a table: joint error of "next generation" minus that of each other method, in the same frames."""
+    """Return a table: joint error of "next generation" minus each other method's joint error, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)
@@ -146,7 +146,7 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return form, radius of the hole and column of the table, for the forms that fit parts to the surface, and for the
+    """Return (form, radius of the hole, column of the table) for the forms that fit parts to the surface, with the
     sizes of hole that ``_columns`` leaves out.
     """
     return [
@@ -158,7 +158,7 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return the methods to be compared with the next generation: all others; none if it is not among ``methods``."""
+    """Return all methods except the next generation, to be compared with it; none if it is not among ``methods``."""
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 

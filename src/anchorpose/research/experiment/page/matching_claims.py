@@ -25,9 +25,9 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum share of the nodes of the paper's mesh; a smaller mesh proves nothing about time
-CLEARLY_LESS: Final = 0.8  # largest ratio of the error at head and neck to the error elsewhere that is "clearly less"
-# smallest share of the matches of hands or feet on the opposite hand or foot that is "often"; by chance it is 1 in 40
+COMPARABLE: Final = 0.8  # minimum share of the paper's number of nodes; times of smaller meshes prove nothing
+CLEARLY_LESS: Final = 0.8  # largest ratio of the error at head and neck to that elsewhere to count as "clearly less"
+# smallest share of matches of hands or feet on the opposite side that counts as "often"; by chance it is 1 in 40
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -58,7 +58,8 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        It is judged by errors of matches: joints depend less on the feature, since the surface corrects their errors.
+        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit to the
+        surface corrects them.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -204,7 +205,9 @@ class MatchingClaims:
         return tuple(lines)
 
     def _joint_ratio(self, one: str, other: str) -> Estimate:
-        """Return the mean joint error of ``one`` divided by that of ``other``, in the same frames of all hole sizes."""
+        """Return the mean joint error of the method ``one`` divided by that of the method ``other``, in the same frames
+        of all hole sizes.
+        """
         above: dict[str, list[np.ndarray]] = {}
         below: dict[str, list[np.ndarray]] = {}
         for hole in self._tracking.holes(Scene.PAPER):
@@ -219,7 +222,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families that use no filter; methods with one only show the filter's effect."""
+        """Return the methods of these families that use no filter; methods with a filter only show its effect."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -182,7 +182,7 @@ def time_tables(results: ExperimentResults) -> list[Table]:
 
 
 def paper_time_lines(times: PaperTimes) -> list[tuple[str, str, str]]:
-    """Return rows that compare measured times with the paper's: the step, its value here, its value in the paper."""
+    """Return rows that compare the measured times with the paper's: step, value here, value in the paper."""
     return [
         ("image", times.image, "512 x 424"),
         ("nodes of the mesh", f"{times.nodes}", f"{PAPER_NODES}"),

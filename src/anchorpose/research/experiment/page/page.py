@@ -153,8 +153,8 @@ PAGE_FILE: Final = "index.html"
 def write_results(results: ExperimentResults, out: Path) -> None:
     """Write tables/*.csv, figures/*.svg and *.png, claims.json and index.html into ``out``.
 
-    The same results give the same bytes. Existing folders and files of these names are replaced as a whole, the page
-    last; other files are not changed. The page shows the pictures in ``out / pictures``. Raises MissingPackage without
+    The same results give the same bytes. Existing folders and files of these names are replaced as a whole (the page
+    last); other files are not changed. The page shows the pictures in ``out / pictures``. Raises MissingPackage without
     matplotlib and InputError for unusable captions, both before anything is written.
     """
     tables = [*tracking_tables(results), *form_tables(results), *matching_tables(results), *time_tables(results)]

@@ -91,7 +91,7 @@ SIGNS: Final = {
 
 
 MOST_NAMED: Final = 3
-"""Comparisons answered by no are listed in a claim's short text if there are at most this many."""
+"""Comparisons with the answer no are listed in a claim's short text if their number is at most this."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
@@ -186,7 +186,7 @@ def inline_svg(picture: DrawnFigure) -> str:
     """Return a figure's SVG as part of the page: without header and metadata, and with ids unique on the page."""
     svg = picture.svg[picture.svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; this saves a tenth of the length
+    svg = re.sub(r" font-family: [^;\"]*;", "", svg)  # the page sets the font; this makes the SVG a tenth shorter
     svg = re.sub(r"(\.\d\d)\d+", r"\1", svg)  # hundredths of a point are not visible
     svg = re.sub(r'\bid="', f'id="{picture.key}-', svg)
     svg = re.sub(r"url\(#", f"url(#{picture.key}-", svg)

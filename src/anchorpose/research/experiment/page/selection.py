@@ -49,7 +49,8 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """The results of tracking in one form of the framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker has no forms, so its frames are in every form.
+    Recordings are sorted by name. This project's tracker does not run in the framework, so its frames are included in
+    every form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -92,7 +93,8 @@ class Tracking:
     ) -> dict[str, np.ndarray]:
         """Return a method's joint errors (f, 21) in millimetres by recording.
 
-        kept: only the errors in these frames; None = in all frames. occluded: only those in frames with a hole.
+        kept: return only the errors in these frames; None = in all frames. occluded: return only errors in frames with
+        a hole.
         """
         found = {}
         for recording, run in self.runs(scene, method, hole_m).items():
@@ -113,7 +115,7 @@ class Tracking:
         """Return the errors (f, 21) in millimetres of two runs in the same frames, by recording.
 
         A run is a method and a size of hole. occluded: only frames that have a hole in the first run. kept: only these
-        frames; None = all. Recordings that either run lacks are left out.
+        frames; None = all. Recordings that one of the runs lacks are left out.
         """
         found = {}
         ones, others = self.runs(scene, *one), self.runs(scene, *other)
@@ -172,7 +174,7 @@ class Matching:
     def has_direct(self, method: str) -> bool:
         """Return whether the method has matches without the tree.
 
-        A method with several hypotheses has none, since only the tree can choose a hypothesis.
+        A method with several hypotheses has no direct matches, since only the tree can choose a hypothesis.
         """
         return method in self._direct
 

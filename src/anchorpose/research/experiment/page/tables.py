@@ -1,6 +1,6 @@
 """Define tables, and compute their values: means, medians and ratios of errors, with confidence intervals.
 
-A row of a table is one value: that of one method in one column. In CSV files it is a line; on the page, all rows of a
+A row of a table is the value of one method in one column. In CSV files, a row is a line; on the page, all rows of a
 method are one line. Confidence intervals are by the bootstrap over recordings, not over frames.
 """
 
@@ -70,7 +70,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the standard deviation of all values of all groups, which are as in ``mean_over``."""
+    """Return the standard deviation of all values of all groups; groups: as in ``mean_over``."""
     sums, counts = _sums(groups)
     squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
     if counts.sum() == 0:
@@ -88,7 +88,7 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the median of all values of all groups, which are as in ``mean_over``.
+    """Return the median of all values of all groups; groups: as in ``mean_over``.
 
     The median is exact; the ends of its interval are rounded to ``MEDIAN_STEPS`` quantiles of the values.
     """
@@ -157,7 +157,7 @@ class Column:
     """A column of a table."""
 
     key: str  # name in files
-    label: str  # name for readers, with the unit if this is not the table's unit
+    label: str  # name for readers, with the column's unit if this differs from the table's unit
     unit: Unit = Unit.MM
 
 
@@ -178,7 +178,8 @@ class Table:
     title: str
     across: str  # name of the quantity by which columns differ
     note: str  # sentences that a reader of the table must know
-    rows: tuple[Row, ...]  # sorted by method; each method has its columns in the same order, but may lack some
+    # sorted by method; columns have the same order for every method, but a method may lack some columns
+    rows: tuple[Row, ...]
 
     @property
     def columns(self) -> list[Column]:

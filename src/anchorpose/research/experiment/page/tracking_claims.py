@@ -18,8 +18,8 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # largest ratio of the error with a hole to the error without one that is "almost constant"
-SIMILAR: Final = 2.0  # largest ratio of the worst joint's error to the best joint's error that is "similar"
+CONSTANT: Final = 1.1  # largest ratio of the errors with and without a hole that counts as "almost constant"
+SIMILAR: Final = 2.0  # largest ratio of the worst joint's error to the best joint's error that counts as "similar"
 ADEQUATE_MM: Final = 100.0  # mm, largest "adequate" joint error: a forearm's width, so the joint is on the correct limb
 
 
@@ -30,7 +30,7 @@ FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "pape
 def literal_claims(results: ExperimentResults) -> list[Claim]:
     """Return the paper's claims about its feature, judged by the method ``LITERAL`` and the form that rejects nothing.
 
-    There are no claims if this method did not run.
+    The list is empty if this method did not run.
     """
     if all(method.key != LITERAL for method in results.methods):
         return []
@@ -165,7 +165,9 @@ class TrackingClaims:
         )
 
     def next_constant(self) -> Claim:
-        """Judge the claim of "greater invariance": "next generation" has almost the same error at all sizes of hole."""
+        """Judge the claim of "greater invariance": the method "next generation" has almost the same error at all sizes
+        of hole.
+        """
         return Claim(
             "next-constant",
             "Section VI (future work)",
@@ -264,7 +266,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return all methods of these families that use no filter; methods with one only show the filter's effect."""
+        """Return the methods of these families that use no filter; methods with a filter only show its effect."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -274,7 +276,7 @@ def difference(
 ) -> Estimate:
     """Return the mean joint error of the method ``one`` minus that of the method ``other``, in mm.
 
-    Only joints count that both methods have in the same frame.
+    A joint in a frame counts only if both methods have it.
     """
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)

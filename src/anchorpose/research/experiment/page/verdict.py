@@ -51,7 +51,7 @@ class Claim:
     """A claim and its comparisons."""
 
     key: str  # key of the claim in claims.json
-    place: str  # place in the paper, or a note that the claim is this project's
+    place: str  # place of the claim in the paper, or a note that the claim is this project's
     text: str  # the claim in our words
     rule: str  # condition under which the answer of a comparison is yes
     checks: tuple[Check, ...]  # every comparison
@@ -66,8 +66,9 @@ class Claim:
 def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
-    It holds in part if at least half answer yes, or if more answer yes than no and at least one answers no. Otherwise
-    it does not hold if any comparison answers no, and is undecided if none does.
+    The claim holds in part if at least half of the comparisons answer yes, or if more answer yes than no and at least
+    one answers no. Otherwise the claim does not hold if any comparison answers no, and is undecided if no comparison
+    does.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:

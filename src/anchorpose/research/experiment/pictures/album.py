@@ -55,7 +55,7 @@ class _Sources:
     view: View
     skin: Skin
     whole: Moment  # two successive frames, both without a hole
-    hole: Moment  # the same frames, with a hole in the second
+    hole: Moment  # these two frames, with a hole in the second
     holed: Trial  # the recording with holes
 
 
@@ -187,7 +187,7 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
 
     The folder has no pictures if nothing can be drawn. Pictures are made from the last training recording, which has
     fast movements; if this fails, from the recording before it. Times are measured on a larger image
-    (``_paper_size_times``), but not if settings are not tuned, since such a run only shows that the program runs.
+    (``_paper_size_times``), but not in a run that does not tune settings, since it only shows that the program runs.
     Pictures that an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
@@ -250,7 +250,7 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
     """Return the times of the paper's steps on an image in which a person has as many pixels as the paper's mesh nodes.
 
-    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). None if the image cannot be made.
+    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). Return None if it cannot be made.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
@@ -266,7 +266,7 @@ def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
 def _moving_frame(prepared: PreparedClip, cut: np.ndarray) -> int | None:
     """Return the frame in which the patient moves fastest, of the frames with a hole whose previous frame has none.
 
-    cut (t,) bool: frames with a hole. Return None if there is no such frame.
+    cut (t,) bool: frames with a hole. Return None if no frame qualifies.
     """
     found = prepared.reference.found
     fits = np.flatnonzero(cut[1:-3] & ~cut[:-4] & found[1:-3] & found[:-4]) + 1

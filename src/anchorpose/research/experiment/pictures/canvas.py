@@ -32,7 +32,7 @@ BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.G
 BARE: Final = np.array([0.86, 0.86, 0.86])
 """Colour of a mesh that is drawn without coloured data, so that only its shape is visible."""
 
-# direction to the light (right, up, towards the viewer); it comes from above the viewer's left shoulder
+# direction to the light (right, up, towards the viewer); the light comes from above the viewer's left shoulder
 LAMP: Final = np.array([-0.35, 0.45, 0.82])
 AMBIENT: Final = 0.35  # share of the brightness that is independent of the light's direction
 
