@@ -98,8 +98,7 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return the state of each of the 21 joints: observed if any camera sees the joint, else the most frequent reason
-    why the skin around the joint is hidden.
+    """Return each joint's state: observed if any camera sees it, else why most of the skin around it is hidden.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A

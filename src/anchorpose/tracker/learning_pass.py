@@ -258,8 +258,7 @@ def _windows(
 ) -> Iterator[_Window]:
     """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
 
-    one_facing: whether to end where the tracked body turns round. From this frame on, the body has the other facing,
-    and another pass tracks these frames with the other facing.
+    one_facing: whether to end where the tracked body turns round; another pass tracks the frames from there on.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
