@@ -15,7 +15,9 @@ PEOPLE: Final = ("people_in_line", "iit_rehab_room", "five_people", "realsense_b
 
 
 def real(use: Use, quick: bool) -> Iterator[Case]:
-    """Yield labelled sequences, recordings with a sensor on the thigh, and labelled people."""
+    """Yield sequences with labelled joints (MSR Action3D), recordings with a sensor on the thigh, and labelled people
+    in whole rooms.
+    """
     sequences = scores.labelled_sequences()
     sequences = sequences[:: len(sequences) // 6] if quick else sequences
     for sequence in sequences:

@@ -135,7 +135,7 @@ def _spread(measured: Measured) -> str:
 
 
 def label_sigma(measured: Measured) -> float:
-    """Return the standard deviation per axis, in millimetres, of the middle of two labels; NaN without labels."""
+    """Return sigma per axis (mm) of the mean of both labellers' positions of a joint; NaN without labels."""
     apart = known_values("apart_mm", measured)
     return float(np.sqrt(np.mean(apart**2) / 2.0) / 2.0) if apart.size else np.nan
 

@@ -3,8 +3,8 @@
     PROBE RECORDING TRUTH [--config JSON] [--settings JSON] [--OPTION VALUE]... --out JSON
 
 A probe measures by calling internal modules of the program. It therefore runs with the version of the program that is
-measured, and imports only this version and other modules of this folder. A probe writes, for each part that it
-measures, the part's name and its scores by name.
+measured, and imports only this version and other modules of this folder. A probe writes, for each group of
+scores (each kind of wrong pose, for example), the group's name and its scores by name.
 """
 
 from __future__ import annotations

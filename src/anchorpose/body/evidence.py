@@ -30,7 +30,8 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m, depth below the skin of one shank at which points must stay outside the other shank: half of a shank's thickness
+# m, half of a shank's thickness: a place this deep below the skin of one shank must not lie inside the other shank, so
+# shanks may touch, but not coincide
 _FLESH_M: Final = 0.03
 # m, half a trunk's thickness; points deeper than this in a body part are not pushed out of this part, since the nearest
 # skin may be on the wrong side

@@ -69,10 +69,11 @@ class _Bones(NamedTuple):
     """Arrays with a row per bone or per moving bone."""
 
     transforms: np.ndarray  # (b, 4, 4) T_world_rest of each bone
-    pivot: np.ndarray  # (m, 3) head of each moving bone in the world, from ``joint_frames``
+    pivot: np.ndarray  # (m, 3) joint at which each moving bone begins, world, from ``joint_frames``
     frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    offset: np.ndarray  # (b, count, 3) movement of each bone's posed points by each coefficient, from ``shape_offsets``
+    # (b, count, 3) how far one unit of each coefficient moves each bone's posed points, from ``shape_offsets``
+    offset: np.ndarray
 
 
 @cache

@@ -64,7 +64,7 @@ def edge_graph(surface: Surface) -> csr_array:
 
 
 def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """Return (s, n) float32 metres: shortest path along edges from each of the nodes (s,).
+    """Return (s, n) float32 metres: length of the shortest path along edges from each of ``nodes`` (s,) to every node.
 
     Missing values are marked as by ``geodesic_distance``.
     Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.

@@ -235,8 +235,8 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
     """Return the weights (m, 2 or 4) of the known positions around a gap, by which they are summed to its m missing
     positions.
 
-    Two known positions give the straight line between them. Four give a cubic (Hermite) through the inner two, with the
-    speed from each outer to its inner position.
+    Two known positions give the straight line between them. Four give a cubic (Hermite) between the inner
+    two; at each of these, it has the mean velocity between the inner and the outer position of that side.
     """
     inner = around_s[len(around_s) // 2 - 1 : len(around_s) // 2 + 1]
     gap_s = inner[1] - inner[0]

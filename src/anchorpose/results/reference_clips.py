@@ -1,4 +1,4 @@
-"""Collect the movements in results folders and skeleton files in one file of reference movements."""
+"""Collect movements from results folders and skeleton files, and write them to one file of reference movements."""
 
 from __future__ import annotations
 

@@ -153,12 +153,12 @@ def join_rest(surface: Surface, max_gap_m: float) -> Surface:
 
 
 def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_gap_m: float) -> np.ndarray:
-    """Return pairs (m, 2) int32 of grid neighbours, at most ``max_gap_m`` apart, that join pieces of surface where they
-    are nearest to each other.
+    """Return pairs (m, 2) int32 of nodes that join two pieces of surface where the gap between these pieces is
+    shortest. The nodes of a pair are neighbours on the grid, and at most ``max_gap_m`` apart.
 
-    index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32 of ``pieces``. Two pieces
-    are joined once, across the shortest gap (Kruskal's rule). So an arm in front of the trunk is not joined to the
-    trunk directly if the shoulder connects them.
+    index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32: number of each node's
+    piece, from ``pieces``. Two pieces are joined once, across the shortest gap (Kruskal's rule). So an arm in front of
+    the trunk is not joined to the trunk directly if the shoulder connects them.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)

@@ -138,9 +138,10 @@ def turns(
     """Return (k, 10): for each node and pair of anchors, the sine of the angle from the direction away from the first
     anchor to the direction away from the second.
 
-    Directions are tangents of the skin; angles are counter-clockwise as seen from outside. places_m (n, 3), distance_m
-    (n, 5): of all nodes. nodes (k,): the chosen nodes. normals (k, 3): their normals. around (k, f): nodes near each
-    chosen node, -1 = none. A turn is NaN if an anchor's distances around the node are unknown.
+    Directions are tangents of the skin; angles are counter-clockwise as seen from outside. places_m (n, 3): places of
+    all nodes. distance_m (n, 5): geodesic distance of each node from each anchor. nodes (k,): the chosen nodes. normals
+    (k, 3): their normals. around (k, f): nodes near each chosen node, -1 = none. A turn is NaN if an anchor's distances
+    around the node are unknown.
     """
     offset = places_m[around] - places_m[nodes][:, None]
     side = _sideways(normals)

@@ -79,7 +79,7 @@ class Trial:
     windows: dict[SurfaceConfig, list[tuple[Window, Truth]]] = field(default_factory=dict)
 
     def within(self, forms: Sequence[Form]) -> Trial:
-        """Return the trial with only these forms of the framework."""
+        """Return the trial with the runs of these forms only; a form is a variant of the paper's tracker (``Form``)."""
         return replace(self, runs={form: self.runs[form] for form in forms})
 
 

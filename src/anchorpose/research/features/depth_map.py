@@ -129,8 +129,8 @@ def image_side(samples: int) -> int:
 def cell_shares(samples: int) -> np.ndarray:
     """Return (side, 3) float64 for each column (or row) of pixels: its Gaussian weight, and the cells that share it.
 
-    The second value is the number of the first of two cells (0 is the margin); the third is the share of the second
-    cell.
+    A column lies between the middles of two neighbouring cells and counts for both. The second value is the index of
+    the first of these cells (0 is the margin); the third is the fraction of the weight that the second cell gets.
     """
     # distance of each pixel from the image's middle, in widths of a cell
     away = (np.arange(image_side(samples)) - 0.5 * (image_side(samples) - 1)) / samples

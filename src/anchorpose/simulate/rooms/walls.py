@@ -214,8 +214,8 @@ def _draw_panel(
     width_m: tuple[float, float],
     height_m: tuple[float, float],
 ) -> Panel | None:
-    """Draw a panel in ``seen`` (z range), apart from all panels in ``taken``, and add it to ``taken``. Return None if
-    no space is left.
+    """Choose a panel at random on the part ``seen`` (from z to z) of a wall, and add it to ``taken``. The panel keeps a
+    distance from all panels in ``taken``. Return None if no space is left.
     """
     for _ in range(TRIES):
         wide_m = rng.uniform(*width_m)
