@@ -101,7 +101,7 @@ def write_pages(pages: Sequence[str], cache: Path) -> list[str]:
 
 
 def content(asked: Table | None, cache: Path) -> str:
-    """Return the content of a block: table and origins. Raises KeyError if a measurement for the block is absent."""
+    """Return the content of a block: figures and their origins. Raises KeyError if a measurement for it is absent."""
     measured = dict[Wanted, Measurement]()
     for wanted in wanted_by(asked):
         kept = kept_of(wanted, cache)

@@ -323,7 +323,7 @@ def name_labelled(ready: Ready, person: str) -> dict[str, Any] | None:
 
 
 def against_people_labels(ready: Ready, results: Path, person: str) -> Scores:
-    """Compare the tracked joints of a labelled person, who was pointed out to the tracker, with all their labels."""
+    """Compare the tracked joints of a person, who was pointed out to the tracker, with the labels of both labellers."""
     recording, table = open_recording(ready.recording), read_joints(results / JOINTS_FILE)
     pose = np.array(read_run(results / RUN_FILE)["cameras"][0]["camera_to_world"])
     camera = replace(recording.cameras[0], T_world_camera=pose)

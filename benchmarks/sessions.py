@@ -82,7 +82,7 @@ def trials_of(plan: Sequence[PlannedTrial]) -> Trials:
 
 
 def contacts_of(plan: Sequence[PlannedTrial], hz: float) -> tuple[Contact, ...]:
-    """Return the contacts of each trial, as if always seen: of a helper's hands, and of the patient's with rails."""
+    """Return the contacts of each trial, as if always seen: a helper at knees, thighs and pelvis; hands on rails."""
     found = list[Contact]()
     for trial in plan:
         if trial.helped:

@@ -52,7 +52,7 @@ HOLES_M: Final = (0.03, 0.06, 0.09, 0.12, 0.15)  # radii, as in the paper
 
 
 def _mixed(config: Config) -> Config:
-    """Return a clinic with cameras of three makes: images, lenses, noise and rates differ; clocks are not set."""
+    """Return a clinic with cameras of three makes, whose images, lenses, noise, rates and clocks differ."""
     late_s = (0.0, 0.35, -0.6)
     makes: tuple[presets.Sensor, ...] = ("femto-bolt", "realsense", "kinect-v2")
     return replace(

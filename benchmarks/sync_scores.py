@@ -29,7 +29,7 @@ SIGMAS: Final = 3.0
 
 
 def sensor_clock(ready: Ready, results: Path) -> Iterator[tuple[str, Scores]]:
-    """Yield per signal (``WAYS``), with and without a rough offset, whether the clock was found, and its error."""
+    """Yield per signal (``WAYS``), without and with a rough offset, whether the clock was found and its error (ms)."""
     own = ready.recording.name
     lag_s = tilt_lag_s(read_joints(results / JOINTS_FILE), np.load(SENSORS / own / "imu.npz"))
     with TemporaryDirectory() as folder:

@@ -98,7 +98,7 @@ def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
-    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, which list the same recordings in order."""
+    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, for the same recordings in the same order."""
     columns = columns_of(now, PAIRED)
     titles = ["scene", *(column.title for column in columns)]
     lines = [f"Now less {title}:", "", f"| {' | '.join(titles)} |", "|---|" + "--:|" * len(columns)]

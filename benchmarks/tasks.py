@@ -45,7 +45,7 @@ def rises(rng: np.random.Generator, person: Person, pace: float = 1.0, whole: in
 
 
 def reaches(rng: np.random.Generator, person: Person, pace: float = 1.0, share: float = 1.0) -> Actor:
-    """Return a patient who raises each arm forward in turn, then leans forward. share: of a usual reach."""
+    """Return a patient who raises one arm forward and leans forward, then the other arm. share: of a usual reach."""
     movements, start_s = [], rng.uniform(1.5, 2.0)
     for side in rng.permutation(SIDES):
         raised = (

@@ -1,7 +1,7 @@
 """Count the work of tracking and time its kernels alone, to find what a frame needs at least, on any machine.
 
 Every kernel that Python calls is wrapped: the package's numba functions, the decoding of a depth image, and the
-network. What a kernel calls in another kernel belongs to the calling kernel. Counting begins when the body is learnt.
+network. A call from one kernel to another belongs to the calling kernel. Counting begins when the body is learnt.
 """
 
 from __future__ import annotations

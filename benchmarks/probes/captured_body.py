@@ -1,8 +1,8 @@
 """Measure how far the learnt body's skin is from a captured surface; TRUTH holds skin_m (t, v, 3) and faces (f, 3).
 
-The recording is tracked, and the learnt body is posed as poses.parquet states. For skin that a camera sees, on the
-parts that the skirt does not cover, the distance to the nearest place of the surface is measured; signed_mm is positive
-outside the surface.
+The recording is tracked, and the learnt body is posed as poses.parquet states. For skin that a camera sees, on
+parts that no skirt covers, the distance to the nearest place of the surface is measured; signed_mm is positive outside
+the surface.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ BARE: Final = {
     "shanks": ("LeftLeg", "RightLeg"),
     "feet": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
 }
-"""The bones whose skin is measured. Trunk, hips and thighs are left out, since a skirt hangs over them."""
+"""The bones whose skin is measured. Trunk, hips and thighs are left out: a skirt hangs from the trunk over hips and
+thighs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,7 @@ Bar = Box | Cylinder
 
 
 def measure(scene: Scene) -> Iterator[Row]:
-    """Propose equipment from some cameras, and judge the proposal in the images of these cameras."""
+    """Propose equipment from some cameras, and judge the proposal where these cameras see it."""
     recording = open_recording(scene.recording)
     truth, rooms_m = recording.equipment, [room for room in recording.backgrounds_m if room is not None]
     assert truth is not None

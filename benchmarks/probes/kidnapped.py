@@ -165,7 +165,7 @@ def draw_spoil(kind: Kind, seed: int, frame: int) -> Spoil:
 
 
 def judged_joints(spoil: Spoil, visible: Mapping[str, Any]) -> np.ndarray | None:
-    """Return the joints (k,) to judge; None if too few limbs are visible. visible: whether a limb is in plain view."""
+    """Return the joints (k,) to judge; None if too few limbs are visible. visible: whether each stays in plain view."""
     limbs = [limb for limb in spoil.limbs if visible[limb]]
     enough = len(limbs) == len(spoil.limbs)
     if spoil.kind is Kind.TURNED_ROUND:

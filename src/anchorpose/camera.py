@@ -86,9 +86,7 @@ class Camera:
 
 
 def places_of(cameras: Iterable[Camera], among: Sequence[Camera]) -> tuple[int, ...]:
-    """Return, for each camera, the index of the camera with its name in ``among``; raises ValueError without such a
-    camera.
-    """
+    """Return the index of each camera in ``among``, by its name; raises ValueError if ``among`` lacks a camera."""
     names = [camera.name for camera in among]
     return tuple(names.index(camera.name) for camera in cameras)
 

@@ -151,7 +151,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Return why a joint is not where the reviewer placed the joint; None if the joint is there."""
+    """Return why a joint is not where the reviewer placed it; None if it is there."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):

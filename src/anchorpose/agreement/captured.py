@@ -29,7 +29,7 @@ METRES: Final[Mapping[str, float]] = {
 """Length of each unit in metres, by the unit's name in files."""
 
 LONGEST_S: Final = 86_400.0  # s (one day), maximum duration; if a recording is longer, its times are not in seconds
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: largest plausible values; above: wrong unit or damaged file
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: maximum coordinate and angle; above: wrong unit or damaged file
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -144,7 +144,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: the person's name for each match."""
+    """Return the rows of agreement, each over all recordings. subjects: a text per match, equal for the same person."""
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]

@@ -24,7 +24,7 @@ REMEDY: Final = "give the scores of the same sessions from every rater, each fil
 @dataclass(frozen=True, slots=True)
 class RaterAgreement:
     """The agreement of raters. reliability: reliability of one rater's score. raters: the raters' initials. left_out:
-    number of trials without a score by at least one rater, which are left out.
+    number of trials that are left out because at least one rater gave no score.
     """
 
     reliability: Reliability

@@ -1,5 +1,5 @@
 """Turn the path that a caller gives into a recording: a recording folder is used as it is; the file of another
-recording program (recorder) is converted.
+recording program or device (recorder) is converted.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ class NamedRecording:
 
     def is_of(self, other: NamedRecording) -> bool:
         """Return whether both entries are the same recording. They are if their paths are equal and their marks are
-        equal, or a mark is unknown. They also are if their marks are equal and this entry's path does not exist any
+        not known to differ. They also are if their marks are known and equal and this entry's path does not exist any
         more, since the recording was moved.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)

@@ -157,7 +157,7 @@ STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this t
 # m, maximum movement of the ankle of a foot at rest: the estimated place of a visible ankle has this error
 STILL_M: Final = 0.03
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
-# m/s, growth of ``SIGMA_M`` while the foot is hidden; in two seconds it grows by the length of a small step
+# m/s, growth of this standard deviation while the foot is hidden; in two seconds it grows by the length of a small step
 DRIFT_M_S: Final = 0.05
 # m; a hidden foot is assumed to stand if it is less than this above the floor in the pose, since the pose has errors
 ON_FLOOR_M: Final = 0.10

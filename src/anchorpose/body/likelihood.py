@@ -34,7 +34,7 @@ RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be any
 CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the person's skin
 PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body model is inexact
 # minimum number of observations that show the skin of a part of a limb, for the part to count as seen; one observation
-# is 25 cm2, as three fingers are
+# is 25 cm2, the area of three fingers
 LEAST_SEEN: Final = 1.0
 # minimum share of the observations of a part of a limb that must show its skin, for the part to count as seen; for
 # example, a strip of thigh does not show the knee

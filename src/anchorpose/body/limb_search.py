@@ -38,7 +38,7 @@ TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
 TRIAL_NODES: Final = 800
 # m, maximum distance at which a node pulls the skin, per step of the finer registration of the ``BEST`` poses
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
-# m; registration leads to the same result from two poses if each joint's places in both poses are closer than this
+# m; two poses with all joints closer to each other than this lead to the same registration
 SAME_M: Final = 0.04
 BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be one of them
 
@@ -92,7 +92,7 @@ class Expected:
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return the joints of a belief's pose, and their sigma, which is raised to at least ``SAME_M``."""
+    """Return the joints of a belief's pose, and their sigma, which is at least ``SAME_M``."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)

@@ -63,7 +63,7 @@ class Pose:
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def faces_away(self, other: Pose) -> bool:
-        """Return whether the directions that the pelvis faces in two poses differ by more than a right angle."""
+        """Return whether the pelvis is turned by more than a right angle, about any axis, between two poses."""
         return bool(np.trace(other.rotations[0] @ self.rotations[0].T) < 1.0)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:

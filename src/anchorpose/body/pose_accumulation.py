@@ -148,9 +148,7 @@ def _mirror(pairs: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _down_the_skeleton(parents: np.ndarray, pairs: np.ndarray, forces: np.ndarray) -> None:
-    """Add the sums of all descendants of a bone to the sums of this bone, for all bones, in place. Parents come before
-    children.
-    """
+    """Add to each bone's sums the sums of all its descendants, in place. Parents come before children."""
     for bone in range(len(parents) - 1, 0, -1):  # loops instead of slices, which would take seconds to compile
         for i in range(6):
             forces[parents[bone], i] += forces[bone, i]

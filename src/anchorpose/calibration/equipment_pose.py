@@ -157,7 +157,7 @@ def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarr
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
     """Return two shares of the outline's unhidden points. The first counts, among points at which the part is seen,
     those where the surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The
-    second counts, among all points, those where the surface ends as predicted.
+    second counts, among all points, those where the surface ends where predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)

@@ -249,8 +249,8 @@ def world_from_equipment(
 
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
-    """Find the equipment in one camera, in the image of the empty room. Without such an image, all frames are tried
-    first, then the first half of them. Raises InputError if the equipment is not found.
+    """Find the equipment in one camera: in the image of the empty room or, if this fails, in all frames. Without such
+    an image, all frames are tried first, then the first half of them. Raises InputError if the equipment is not found.
     """
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]

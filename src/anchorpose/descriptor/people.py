@@ -145,8 +145,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight of votes around it. The search starts at the best of about 200 votes, and
-    moves to the mean of the votes around it until the place stays the same.
+    """Return the place (3,) with most weight of votes around it. The search starts at that one of about 200 votes for
+    which this weight is largest, and moves to the mean of the votes around it until the place stays the same.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

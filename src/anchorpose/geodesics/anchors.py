@@ -163,8 +163,8 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return (k, 4) squared tolerances: how much each extremum's distance from the head differs from each limb's
-    ``FROM_HEAD``.
+    """Return (k, 4) squared tolerances: how much each extremum's distance from the head, ``apart`` (k,), differs
+    from each limb's ``FROM_HEAD``.
     """
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off

@@ -93,8 +93,8 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within ``stop.reach`` has its distance, or until a node with ``stop.level`` is met. Return
-    whether such a node was met.
+    """March until every node within ``stop.reach`` has its distance, or until a node is met at which ``stop.field`` is
+    at least ``stop.level``. Return whether such a node was met.
 
     band: width in metres of the band of nodes that are active at once.
     """

@@ -87,7 +87,7 @@ def learn_background(
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
     depth, sigma = _from_recording(frames_m, camera, floor_height_m, equipment, noise)
-    if len(frames_m) > 1:  # a single frame is itself the learnt room, so both have the same rounding
+    if len(frames_m) > 1:  # a single frame is itself the learnt room, so reading and room are rounded alike
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)

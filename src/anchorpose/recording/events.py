@@ -1,5 +1,5 @@
 """Read events.tsv, the list of a recording's trials with their conditions, and events.json, which gives the units of
-its columns.
+the columns.
 
 The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. An
 onset counts from the first frame of the first camera that measured anything, whatever this camera's clock shows, and

@@ -94,7 +94,7 @@ class Fit:
 
 def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     """Fit a line by least squares. x, y (n,): at least 3 sessions, not all at the same x. sigma (n,): standard
-    deviation of each y, NaN where none is stated; without sigmas, only the sessions' scatter determines the band.
+    deviation of each y, NaN where none is stated; if one is NaN, only the sessions' scatter determines the band.
     """
     count, middle = len(x), float(x.mean())
     squares = float(np.sum((x - middle) ** 2))

@@ -23,7 +23,7 @@ from anchorpose.threads import each
 REACH_PX = 5
 SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or flying pixels
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance of an object in front of the patient; the thinnest bar has this distance, more than sensor noise
+# m, minimum distance of an object in front of the patient: the distance of the thinnest bar, more than sensor noise
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10

@@ -182,7 +182,7 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
 
 
 ITERATIONS: Final = 5  # number of iterations of ICP, after the parts were fitted to the matches
-REACH_M: Final = 0.06  # m, maximum distance of a node from its part's skin: a limb's radius
+REACH_M: Final = 0.06  # m, maximum distance of a node from its part's skin: a limb's radius; beyond are other limbs
 
 
 def register_parts(

@@ -80,7 +80,7 @@ MOST_TRUNK_PAST: Final = 0.25
 MOST_LIMB_PAST: Final = 0.5
 LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
 SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
-# m/s, growth of ``SKIN_SIGMA_M`` with the time since the last fit, since a hand may move faster than predicted
+# m/s, growth of the skin's sigma with the time since the last fit, since a hand may move faster than predicted
 GROWTH_M_S: Final = 0.4
 # ratio of a predicted movement's velocity to the last movement's velocity; below 1, since movements slow down
 DAMPING: Final = 0.8

@@ -2,7 +2,7 @@
 shape.
 
 Gauss-Newton steps end in the minimum nearest to their start, and the covariance at this minimum does not include
-others. The feet are often cut off or inside wide trousers. Bodies 10 % taller or shorter then explain the images
+other minima. The feet are often cut off or inside wide trousers. Bodies 10 % taller or shorter then explain the images
 equally well.
 """
 

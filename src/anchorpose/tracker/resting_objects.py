@@ -27,8 +27,8 @@ from anchorpose.recording.recording import FrameSet
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
-# minimum of two shares: the share at rest of the connected foreground that contains an object, and the share of the
-# object's pixels that came to rest only after the first samples
+# minimum for each of two shares: the share at rest of the connected foreground that contains an object, and the share
+# of the object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # a sample is used if it shows this percentage of an object's pixels; people may hide the others
 # percentile of the share at rest over the sampled frames (``_whole_share``); with this percentile, it is enough if

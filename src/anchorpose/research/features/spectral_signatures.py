@@ -40,7 +40,7 @@ class Spectrum:
     The sign of an eigenfunction is arbitrary; so is the choice of eigenfunctions for eigenvalues that coincide.
     """
 
-    # (k,) float64 in 1/m², ascending; exactly one eigenvalue is 0 for each connected piece of surface
+    # (k,) float64 in 1/m², ascending; for each connected piece of surface, one eigenvalue is exactly 0
     eigenvalues: np.ndarray
     # (n, k) float64 in 1/m, orthonormal with respect to ``mass_m2``; NaN at nodes without triangles
     eigenfunctions: np.ndarray

@@ -27,7 +27,8 @@ from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
 COMPARABLE: Final = 0.8  # minimum share of the paper's number of nodes; times of smaller meshes prove nothing
 CLEARLY_LESS: Final = 0.8  # largest ratio of the error at head and neck to that elsewhere to count as "clearly less"
-# smallest share of matches of hands or feet on the opposite side that counts as "often"; by chance it is 1 in 40
+# smallest share of matches of hands or feet on the opposite hand or foot that counts as "often"; by chance it is 1 in
+# 40
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
