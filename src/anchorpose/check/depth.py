@@ -31,7 +31,7 @@ HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline with
 # a frame is disturbed if its noise exceeds the noise of the median frame by more than this factor; undisturbed frames
 # deviate by up to 10 %
 BURST: Final = 1.3
-GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels exceeds the median by this; a passer-by adds less
+GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels exceeds the median by this; passers-by add less
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
 # shares of pixels (yellow, red) that gain or lose a reading from one frame to the next; the usual share is 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
