@@ -292,6 +292,24 @@ def test_images_count_by_their_mean_since_errors_of_shape_are_the_same_in_all_wi
     assert likelier(facing("mine", [0.0]), facing("theirs", [0.0], seen=-200.0), None)[0].turned is None
 
 
+@pytest.mark.parametrize("height_m", [None, 1.7])
+def test_an_unusual_shape_has_the_error_of_the_images_but_a_stated_height_has_not(monkeypatch, height_m):
+    monkeypatch.setattr(learning_pass, "frames_nats", lambda shape, frames, config: 0.0)
+    recording = SimpleNamespace(subject=replace(UNKNOWN, height_m=height_m))
+    run = SimpleNamespace(room=SimpleNamespace(recording=recording, cameras=()), config=TrackConfig())
+    window = SimpleNamespace(kept=[SimpleNamespace(pose=standing(), evidence=None)])
+    usual, tall = (
+        replace(
+            LearntPatient(ADULT, ADULT, 0.0, standing(), 7), belief=replace(ADULT, shape=shape_of_height(asset(), m))
+        )
+        for m in (1.7, 1.95)
+    )
+    seen = learning_pass.window_nats(usual, window, run) - learning_pass.window_nats(tall, window, run)
+    known = learning_pass.known_nats(usual, window, run) - learning_pass.known_nats(tall, window, run)
+    assert 0.5 < seen < 5.0
+    assert known == pytest.approx(0.0, abs=1e-9) if height_m is None else known > 20.0
+
+
 def test_what_is_decided_is_not_followed_on(monkeypatch):
     monkeypatch.setattr(learning_pass, "known_nats", lambda learnt, window, run: window.known)
     monkeypatch.setattr(learning_pass, "window_nats", lambda learnt, window, run: window.nats)

@@ -237,9 +237,12 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
 
 
 def window_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the mean log probability, in nats, of the frames of a window, given the body learnt from them."""
+    """Return the log probability, in nats, of the body learnt so far: the mean over the frames of a window, and the log
+    probability of the shape among people. Clothes and wrongly placed limbs cause errors of both.
+    """
     chosen = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
-    return frames_nats(learnt.shape, _posed([window.kept[place] for place in chosen]), run.config)
+    nats = frames_nats(learnt.shape, _posed([window.kept[place] for place in chosen]), run.config)
+    return nats - 0.5 * shape_cost(learnt.shape, run.room.recording.subject.unmeasured, run.config)
 
 
 def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
@@ -247,10 +250,14 @@ def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the prior log probability, in nats, of the learnt shape and of the body's facing in this window."""
+    """Return the log probability, in nats, of the body's facing in this window, and of the learnt shape by the user's
+    statements about the patient. Both are free of the images' errors.
+    """
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
-    return facing - 0.5 * shape_cost(learnt.shape, run.room.recording.subject, run.config)
+    subject = run.room.recording.subject
+    costs = [shape_cost(learnt.shape, one, run.config) for one in (subject, subject.unmeasured)]
+    return facing - 0.5 * (costs[0] - costs[1])
 
 
 def _windows(
