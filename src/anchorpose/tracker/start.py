@@ -129,16 +129,23 @@ def start_as_learnt(
 ) -> Start | NoStart:
     """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
 
-    The first pose is not searched for again: the frames that followed have decided it better than this frame can.
+    Two poses with the learnt facing are tried, the learnt pose and the first pose in this frame; the start that is more
+    probable is kept.
     """
     config = run.config
     seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run)
     body, before = build_body(body_points(), shape), vague_belief(facing.pose)
-    pose = descend(body, facing.pose, before, seen.evidence, config.registration)
-    start = _start_with(body, pose, seen, config, facing=facing)
-    if start is None or start.explained < LEAST_EXPLAINED:
+    tried = [descend(body, facing.pose, before, seen.evidence, config.registration)]
+    matches = matches_of(seen.evidence.views, run.room.cameras, PixelLabel.PATIENT)
+    if len(matches) >= LEAST_MATCHES:
+        first = _first_body(seen, match_person(matches), run, shape)
+        alike = (one.pose for one in (first, *first.others) if one.shape is first.shape)
+        tried += [pose for pose in alike if not facing.pose.faces_away(pose)]
+    starts = [_start_with(body, pose, seen, config, facing=facing) for pose in tried]
+    fitting = [one for one in starts if one is not None and one.explained >= LEAST_EXPLAINED and not _why_not(one, run)]
+    if not fitting:
         return NoStart.NO_BODY_FITS
-    return _why_not(start, run) or start
+    return max(fitting, key=lambda one: log_probability(body, one.belief.pose, seen.evidence))
 
 
 def _start_with(
