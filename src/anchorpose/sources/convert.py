@@ -297,7 +297,7 @@ def look_at(path: Path) -> DirectInput:
 
     An earlier conversion beside the path that was made from other content or by another version is removed. Raises
     InputError if files in that conversion were added or changed since, or if the conversion's name is taken by a link,
-    or by a file or folder that is no conversion.
+    or by a file or folder that is not a conversion.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
         return DirectInput(path, path, True)

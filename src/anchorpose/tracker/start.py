@@ -134,6 +134,8 @@ def start_as_learnt(
     """
     config = run.config
     seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run)
+    if len(seen.surface) < config.registration.least_nodes:
+        return NoStart.TOO_LITTLE_SEEN
     body, before = build_body(body_points(), shape), vague_belief(facing.pose)
     tried = [descend(body, facing.pose, before, seen.evidence, config.registration)]
     matches = matches_of(seen.evidence.views, run.room.cameras, PixelLabel.PATIENT)
