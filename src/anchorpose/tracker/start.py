@@ -22,7 +22,7 @@ from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_p
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.proposals import rarity
-from anchorpose.body.registration import descend, posterior
+from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import Rival, rivals_of
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.camera import Camera
@@ -116,7 +116,8 @@ def find_start(
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body, turned = build_body(body_points(), first.shape), _turned(first)
-    start = _start_with(body, first.pose, observation, config, expected, turned=turned)
+    found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    start = _start_with(body, found, observation, config, expected, turned=turned)
     if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     if expected is not None and _turned_round(expected, start.belief.pose):
@@ -129,8 +130,8 @@ def start_as_learnt(
 ) -> Start | NoStart:
     """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
 
-    Two poses with the learnt facing are tried, the learnt pose and the first pose in this frame; the start that is more
-    probable is kept.
+    Two poses with the learnt facing are registered, the learnt pose and the first pose in this frame; the pose that is
+    more probable is kept.
     """
     config = run.config
     seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run)
@@ -143,28 +144,28 @@ def start_as_learnt(
         first = _first_body(seen, match_person(matches), run, shape)
         alike = (one.pose for one in (first, *first.others) if one.shape is first.shape)
         tried += [pose for pose in alike if not facing.pose.faces_away(pose)]
-    starts = [_start_with(body, pose, seen, config, facing=facing) for pose in tried]
-    fitting = [one for one in starts if one is not None and one.explained >= LEAST_EXPLAINED and not _why_not(one, run)]
-    if not fitting:
+    found = [posterior(body, pose, vague_belief(pose), seen.evidence, config.registration) for pose in tried]
+    best = max(found, key=lambda one: log_probability(body, one.belief.pose, seen.evidence) if one.found else -np.inf)
+    start = _start_with(body, best, seen, config, facing=facing)
+    if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
-    return max(fitting, key=lambda one: log_probability(body, one.belief.pose, seen.evidence))
+    return _why_not(start, run) or start
 
 
 def _start_with(
     body: Body,
-    pose: Pose,
+    found: Registration,
     seen: Observation,
     config: TrackConfig,
     expected: PoseBelief | None = None,
     facing: Facing | None = None,
     turned: Rival | None = None,
 ) -> Start | None:
-    """Return the start with a first pose, after a search for misplaced limbs; None if the pose does not fit.
+    """Return the start with a registered first pose, after a search for misplaced limbs; None if the pose does not fit.
 
     expected: as in ``find_start``. facing: as in ``start_as_learnt``; the search then does not turn the body round.
     turned: the opposite facing, a rival of the pose.
     """
-    found = posterior(body, pose, vague_belief(pose), seen.evidence, config.registration)
     if not found.found:
         return None
     # the search corrects exchanged left and right limbs, and limbs at which the descriptor has no matches

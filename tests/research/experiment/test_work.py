@@ -111,7 +111,7 @@ def test_who_knows_the_truth_is_a_nodes_spacing_off_and_who_guesses_decimetres(
     known, guessed = (score(method, None, window, truth) for method in (knowing(prepared, 3), guessing()))
     assert np.nanmedian(known.direct_mm) < 12.0
     assert np.nanmean(known.tree_mm) < 15.0
-    assert not known.mirrored.any()
+    assert known.mirrored.mean() < 0.005  # where both feet touch, a node's nearest skin may be the other foot's
     assert np.nanmean(guessed.direct_mm) > 200.0
     assert 0.005 < guessed.mirrored.mean() < 0.1  # by chance, of like size: one in forty
     assert capped_mean_mm([known.tree_mm]) < 20.0 < 60.0 < capped_mean_mm([guessed.tree_mm])
