@@ -158,6 +158,16 @@ def test_doubt_grows_while_nothing_is_seen_until_he_is_lost(course):
 
 
 @pytest.mark.thorough
+def test_posture_and_height_stay_the_same_while_nothing_is_seen(course):
+    held = [estimate.joints_m for estimate in course.estimates[VANISHES:RETURNS] if not lost(estimate)]
+    steps_m = np.diff(held, axis=0)
+    trunk = steps_m[:, [JOINT_INDEX["SpineBase"]]]
+    np.testing.assert_allclose(trunk[..., 1], 0.0, atol=1e-6)
+    known = np.isfinite(steps_m).all(axis=2)
+    np.testing.assert_allclose((steps_m - trunk)[known], 0.0, atol=1e-6)
+
+
+@pytest.mark.thorough
 def test_hands_are_lost_to_doubt_before_the_trunk_is(course):
     last = course.estimates[VANISHES + int(CONFIG.follow.lost_after_s * FPS)]
     assert last.states[JOINT_INDEX["HandLeft"]] == last.states[JOINT_INDEX["HandRight"]] == JointState.LOST

@@ -26,6 +26,7 @@ from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.motion.prediction import predict_joints
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import BodyMap, ExpectedSkin
@@ -208,8 +209,13 @@ class PatientTracker:
     def predict(self, steps: int) -> list[Pose]:
         """Predict the poses of the next ``steps`` frames by scaled motion dynamics. The joints of all look-ahead frames
         are predicted at once; a frame's pose is fitted to its joints when first needed.
+
+        While the patient is not seen, the posture and its height stay the same, and the body goes on over the ground: a
+        movement that was begun is rarely continued for seconds.
         """
         with self.run.stage("prediction"):
+            if not self.ahead and self.last.gone_s > 0.0:
+                self.ahead = self._gone_on()
             if not self.ahead:
                 config = self.config
                 history, ahead = np.array(self.history), config.follow.look_ahead
@@ -218,6 +224,14 @@ class PatientTracker:
                 pose = self.ahead[-1] if self.ahead else self.belief.pose
                 self.ahead.append(pose_from_joints(self.body, pose, joints_m))
         return self.ahead[:steps]
+
+    def _gone_on(self) -> list[Pose]:
+        """Return the poses of the look-ahead frames with the present posture, moving as in the last two frames."""
+        base = JOINT_INDEX["SpineBase"]
+        step = self.history[-1][base] - self.history[-2][base] if len(self.history) > 1 else np.zeros(3)
+        step[1] = 0.0
+        pose, count = self.belief.pose, self.config.follow.look_ahead
+        return [replace(pose, root_m=pose.root_m + number * step) for number in range(1, count + 1)]
 
     def _observe_until(self, last: int) -> list[Pose]:
         """Observe the window's frames 1 to ``last``, and return their predicted poses.
