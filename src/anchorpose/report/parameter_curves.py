@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from anchorpose.recording.events import TrialColumn, Trials
 from anchorpose.report.measure_section import unit_of, words_of
@@ -50,9 +50,7 @@ def _level(at: float, value: np.ndarray, random_sigma: np.ndarray) -> Level:
     if count == 1:
         return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
     variance = float(np.fmax(value.var(ddof=1) / count, random))
-    return Level(
-        at, count, float(value.mean()), float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1) * np.sqrt(variance))
-    )
+    return Level(at, count, float(value.mean()), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)))
 
 
 def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
-from scipy import stats
+from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import unlike_time
@@ -102,7 +102,7 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     intercept = float(y.mean()) - slope * middle
     found = float(np.sum((y - intercept - slope * x) ** 2)) / (count - 2)
     scatter = float(np.sqrt(np.fmax(found, np.mean(sigma**2))))
-    quantile = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 2))
+    quantile = float(stdtrit(count - 2, 0.5 + CONFIDENCE / 2.0))
     return Fit(slope, quantile * scatter / np.sqrt(squares), intercept, scatter, quantile, middle, squares, count)
 
 

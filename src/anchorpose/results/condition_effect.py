@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from anchorpose.recording.events import BLOCK_COLUMN, Trials
 from anchorpose.results.permutation import (
@@ -184,7 +184,7 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     if not np.isfinite(scatter):
         return Spread(None, detectable)
     variance = max(scatter, random) + systematic if stated else scatter
-    return Spread(float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * np.sqrt(variance)), detectable)
+    return Spread(float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)), detectable)
 
 
 def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:

@@ -12,7 +12,6 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.signal import butter, sosfiltfilt
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, STATE_CODE, JointState
@@ -132,6 +131,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
     together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer
     values than ``shortest_frames``.
     """
+    from scipy.signal import butter, sosfiltfilt  # takes a third of a second, and few recordings are filtered
+
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
     if len(values) < shortest_frames(rate_hz, cutoff_hz):
