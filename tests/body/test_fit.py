@@ -222,7 +222,7 @@ def some_belief(away: float = 0.2) -> ShapeBelief:
 def frames_for(shape: FittedShape, poses: list[Pose], truths: list[Pose]) -> list[ShapeFrame]:
     body, config = build_body(points(), shape), RegistrationConfig(node_count=500)
     return [
-        ShapeFrame(pose, evidence_rows(body, pose, seen_body(truth, BODY), 0.1, config))
+        ShapeFrame(pose, evidence_rows(body, pose, seen_body(truth, BODY), 0.1, config), ROWS)
         for pose, truth in zip(poses, truths, strict=True)
     ]
 
@@ -247,7 +247,7 @@ def test_the_step_on_the_shape_is_the_step_of_the_whole_system():
         whole[np.ix_(place, place)] += damped
         right[place] += own.gradient
     change = -np.linalg.solve(whole, right)
-    belief, moved = learn_shape_step(points(), shape, frames, known, ROWS)
+    belief, moved = learn_shape_step(points(), shape, frames, known)
     found = belief.shape
     assert 0.05 < np.abs(change[-SIZE:-3]).max() < LARGEST_STEP
     np.testing.assert_allclose(found.coefficients - shape.coefficients, change[-SIZE:-3], atol=1e-7)
@@ -266,7 +266,7 @@ def test_what_was_seen_is_met_where_it_was_linearised():
     shape, known = FittedShape(adult().coefficients[:4], even_clothes(0.020)), some_belief()
     truth = random_pose(8)
     (frame,) = frames_for(shape, [shaken(truth, 3, 2.0, 0.01)], [truth])
-    belief, _ = learn_shape_step(points(), shape, [frame], known, ROWS)
+    belief, _ = learn_shape_step(points(), shape, [frame], known)
     pull = belief.equations(belief.shape)[1]
     before = known.equations(shape)[1]
     unit = 1.0 / np.sqrt(np.diag(belief.information))
@@ -276,7 +276,7 @@ def test_what_was_seen_is_met_where_it_was_linearised():
 def test_a_step_on_the_shape_is_shortened_to_the_largest():
     shape, known, truth = FittedShape(np.zeros(4), even_clothes(0.006)), some_belief(40.0), random_pose(8)
     (frame,) = frames_for(shape, [truth], [truth])
-    found = learn_shape_step(points(), shape, [frame], known, ROWS)[0].shape
+    found = learn_shape_step(points(), shape, [frame], known)[0].shape
     assert np.abs(found.coefficients).max() == pytest.approx(LARGEST_STEP)
 
 

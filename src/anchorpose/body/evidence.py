@@ -17,6 +17,7 @@ from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.body.visibility import Projection, pixels_of, projection_of
 from anchorpose.camera import Camera
+from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
@@ -56,14 +57,59 @@ class Evidence:
     cameras: tuple[Camera, ...]
     floor_m: float | None = None  # world height of the floor; None if unknown
     label: int = PixelLabel.PATIENT  # the person's pixel label
+    noises: tuple[DepthNoise | None, ...] = ()  # each camera's noise; None without a depth image; empty if unknown
 
 
 def gather_evidence(
-    surface: Nodes, views: Sequence[View | None], cameras: Sequence[Camera], floor_m: float | None = None
+    surface: Nodes,
+    views: Sequence[View | None],
+    cameras: Sequence[Camera],
+    floor_m: float | None = None,
+    noises: Sequence[DepthNoise | None] = (),
 ) -> Evidence:
     """Return the evidence of one frame for the patient. The outlines are computed here, once for all registrations."""
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
-    return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m)
+    return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m, noises=tuple(noises))
+
+
+def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) of nodes with which it shares one
+    error.
+
+    thinned: share of the nodes that are used. If a used node represents more pixels than the pixels that share one
+    error, denoising averages the errors of its pixels; the node is then a patch of its own, with less noise. Sigma is 0
+    if the camera's noise is unknown.
+    """
+    surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
+    patch = np.arange(len(surface))
+    for number, noise in enumerate(evidence.noises):
+        view, camera = evidence.views[number], evidence.cameras[number]
+        mine = np.flatnonzero(surface.camera == number)
+        if view is None or noise is None or not len(mine):
+            continue
+        ray = surface.points_m[mine] - camera.position_m
+        depth_m = ray @ camera.require_pose()[:3, 2]
+        cosine = np.abs((ray * surface.normals[mine]).sum(axis=1)) / np.linalg.norm(ray, axis=1)
+        cosine = np.minimum(cosine, 1.0)
+        sharing = noise.shared_px * thinned * len(mine) / max(int(view.patient.sum()), 1)
+        along_m = cosine * noise.sigma_m(depth_m, np.degrees(np.arccos(cosine)))
+        noise_m[mine] = along_m * min(1.0, np.sqrt(sharing))
+        if sharing > 1.0:
+            row, column = (surface.pixel[mine] / np.sqrt(noise.shared_px)).astype(np.int64).T
+            patch[mine] = len(surface) + (row * camera.width + column) * len(evidence.noises) + number
+    return noise_m, patch
+
+
+def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
+    """Return the number of constraint rows that count as one observation in this frame, given also the cameras' noise.
+
+    The settings (``rows_per_observation``) state it for the errors of clothes and folds. A sensor that smooths its
+    images gives a whole patch of nodes the same error (``node_noise``), which may be much larger.
+    """
+    used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
+    noise_m, patch = node_noise(evidence, used)
+    together = np.maximum(used * np.bincount(patch)[patch], 1.0)
+    return config.rows_per_observation + float(np.mean(noise_m**2 * together)) / config.surface_sigma_m**2
 
 
 def evidence_rows(

@@ -13,7 +13,7 @@ from typing import Final
 
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import surface_constraints
-from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.evidence import Evidence, evidence_rows, rows_alike
 from anchorpose.body.fit import damped_step
 from anchorpose.body.learning import ShapeFrame, learn_shape_step
 from anchorpose.body.matched_places import MatchedPerson, Matches, fit_matches
@@ -102,17 +102,17 @@ def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
     """Register the body to the surface, from a pose fitted to matches. may_change: whether its shape is fitted, too."""
-    shape, rows_per_observation = belief.shape, config.rows_per_observation
+    shape = belief.shape
     body = build_body(body_points(), shape)
     for number, reach_m in enumerate(_REACHES_M):
         rows = evidence_rows(body, pose, evidence, reach_m, config)
         if may_change and number >= _RIGID_STEPS:
-            frame = ShapeFrame(pose, rows)
-            learned, (pose,) = learn_shape_step(body.points, shape, [frame], belief, rows_per_observation)
+            frame = ShapeFrame(pose, rows, rows_alike(evidence, config))
+            learned, (pose,) = learn_shape_step(body.points, shape, [frame], belief)
             shape = learned.shape
             body = build_body(body.points, shape)
         else:
-            pose = damped_step(body, pose, rows, None, rows_per_observation)
+            pose = damped_step(body, pose, rows, None, config.rows_per_observation)
     log = log_probability(body, pose, evidence) - 0.5 * belief.cost(shape)
     return FirstPose(pose, replace(belief, shape=shape), log, facing_nats(body, pose, evidence.cameras))
 

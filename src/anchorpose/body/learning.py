@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from anchorpose.body.asset import BodyAsset, joint_bones
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import Constraints
-from anchorpose.body.evidence import Evidence, evidence_rows
+from anchorpose.body.evidence import Evidence, evidence_rows, rows_alike
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.kinematics import missing_joints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
@@ -58,10 +58,10 @@ def learn_body(
     for reach_m in reaches_m:
         body = build_body(points, learned.shape)
         frames = [
-            ShapeFrame(pose, evidence_rows(body, pose, seen, reach_m, config))
+            ShapeFrame(pose, evidence_rows(body, pose, seen, reach_m, config), rows_alike(seen, config))
             for pose, seen in zip(current, evidence, strict=True)
         ]
-        learned, current = learn_shape_step(points, learned.shape, frames, known, config.rows_per_observation)
+        learned, current = learn_shape_step(points, learned.shape, frames, known)
     return LearnedBody(learned, tuple(current))
 
 
@@ -84,18 +84,15 @@ def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> lis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFrame:
-    """A frame from which the shape is learnt: its current pose and its constraints."""
+    """A frame from which the shape is learnt. alike: number of constraint rows that count as one observation."""
 
     pose: Pose
     constraints: Constraints
+    alike: float
 
 
 def learn_shape_step(
-    points: SkinPoints,
-    shape: FittedShape,
-    frames: Sequence[ShapeFrame],
-    known: ShapeBelief,
-    rows_per_observation: float,
+    points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], known: ShapeBelief
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
 
@@ -107,9 +104,10 @@ def learn_shape_step(
     eliminated = []
     for frame in frames:
         posed = pose_points(body, frame.pose)
-        hidden = hidden_bones(points, frame.constraints, rows_per_observation)
+        rows, alike = frame.constraints, frame.alike
+        hidden = hidden_bones(points, rows, alike)
         prior = prior_equations(points, frame.pose, None, hidden)
-        equations = pose_equations(body, frame.pose, posed, frame.constraints, prior, rows_per_observation, known.free)
+        equations = pose_equations(body, frame.pose, posed, rows, prior, alike, known.free)
         h, g = equations.hessian, equations.gradient
         factor = cho_factor(h[:POSE_SIZE, :POSE_SIZE] + 1e-3 * np.diag(np.diag(h)[:POSE_SIZE]))
         cross = cho_solve(factor, h[:POSE_SIZE, POSE_SIZE:])

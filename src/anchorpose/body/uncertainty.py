@@ -15,7 +15,7 @@ from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_constraints
-from anchorpose.body.evidence import Evidence
+from anchorpose.body.evidence import Evidence, node_noise
 from anchorpose.body.explanation import (
     COVERED_M,
     LEAST_FACING,
@@ -41,7 +41,6 @@ from anchorpose.body.skin_points import (
 )
 from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
-from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.rotations import unit
 
@@ -50,12 +49,10 @@ from anchorpose.rotations import unit
 NODES: Final = 1200
 
 
-def noise_covariance(
-    body: Body, belief: PoseBelief, evidence: Evidence, noises: Sequence[DepthNoise | None], config: RegistrationConfig
-) -> np.ndarray:
+def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
-    noises: one per camera, None without a depth image. A change n of the readings changes the pose by ``C J^T W n``,
+    A change n of the readings changes the pose by ``C J^T W n``,
     where C is the belief's covariance, J the rows' Jacobian, and W the diagonal matrix of the fit's weights. So noise
     with the covariance N gives the pose the covariance ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px``
     pixels share one error; nodes of different patches are independent.
@@ -66,7 +63,7 @@ def noise_covariance(
     if not len(rows):
         return np.zeros_like(belief.covariance)
     used, count = min(few.node_count, len(evidence.surface)), min(config.node_count, len(evidence.surface))
-    noise_m, patch = node_noise(evidence, noises, used / len(evidence.surface))
+    noise_m, patch = node_noise(evidence, used / len(evidence.surface))
     weight = count / used * rows.weights(rows.residuals(posed)) / config.rows_per_observation
     felt = _felt(body, posed, rows.point, rows.direction, weight * noise_m[node], patch[node] - len(evidence.surface))
     return np.asarray(belief.covariance @ felt @ belief.covariance)
@@ -90,36 +87,7 @@ def _felt(
     return np.asarray(felt + together.T @ together)
 
 
-def node_noise(
-    evidence: Evidence, noises: Sequence[DepthNoise | None], thinned: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) of nodes with which it shares one
-    error.
-
-    thinned: share of the nodes that are used. If a used node represents more pixels than the pixels that share one
-    error, denoising averages the errors of its pixels; the node is then a patch of its own, with less noise. Sigma is 0
-    if the camera's noise is unknown.
-    """
-    surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
-    patch = np.arange(len(surface))
-    for number, (view, camera, noise) in enumerate(zip(evidence.views, evidence.cameras, noises, strict=True)):
-        mine = np.flatnonzero(surface.camera == number)
-        if view is None or noise is None or not len(mine):
-            continue
-        ray = surface.points_m[mine] - camera.position_m
-        depth_m = ray @ camera.require_pose()[:3, 2]
-        cosine = np.abs((ray * surface.normals[mine]).sum(axis=1)) / np.linalg.norm(ray, axis=1)
-        cosine = np.minimum(cosine, 1.0)
-        sharing = noise.shared_px * thinned * len(mine) / max(int(view.patient.sum()), 1)
-        along_m = cosine * noise.sigma_m(depth_m, np.degrees(np.arccos(cosine)))
-        noise_m[mine] = along_m * min(1.0, np.sqrt(sharing))
-        if sharing > 1.0:
-            row, column = (surface.pixel[mine] / np.sqrt(noise.shared_px)).astype(np.int64).T
-            patch[mine] = len(surface) + (row * camera.width + column) * len(noises) + number
-    return noise_m, patch
-
-
-def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> float:
+def finest_patch_m(evidence: Evidence) -> float:
     """Return the side, in metres at the patient, of a patch of pixels that share one error, for the camera with the
     smallest patches; 0 if no camera shows the patient.
 
@@ -127,7 +95,7 @@ def finest_patch_m(evidence: Evidence, noises: Sequence[DepthNoise | None]) -> f
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
-        for view, camera, noise in zip(evidence.views, evidence.cameras, noises, strict=True)
+        for view, camera, noise in zip(evidence.views, evidence.cameras, evidence.noises, strict=False)
         if view is not None and noise is not None and (distance_m := distance_of(view)) is not None
     ]
     return float(min(found, default=0.0))

@@ -151,9 +151,8 @@ def _sigma(
     not include.
     """
     evidence, uncertainty = observation.evidence, config.uncertainty
-    noises = [None if pieces is None else pieces.sensor.noise for pieces in observation.pieces]
-    noise = noise_covariance(body, belief, evidence, noises, config.registration)
-    patch_m = finest_patch_m(evidence, noises)
+    noise = noise_covariance(body, belief, evidence, config.registration)
+    patch_m = finest_patch_m(evidence)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
     # the posterior trusts the pose of the frame before, but people move; so the sigma of a hidden part grows with the
     # time that the part is hidden

@@ -203,7 +203,8 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
         kind = border(whole, shown)
         seen = seen_part(whole)
     with run.stage("registration"):
-        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m)
+        noises = [None if pieces is None else pieces.sensor.noise for pieces in isolated.pieces]
+        evidence = gather_evidence(seen, isolated.views, cameras, run.room.calibration.floor_height_m, noises)
     return SeenSurface(whole, seen, kind, evidence)
 
 
