@@ -199,7 +199,8 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Update where feet stand by one more registered frame. A visible foot stands if its ankle was at rest.
+        """Update the places where feet stand from one more registered frame. A visible foot stands if its ankle was at
+        rest.
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
         if unknown. A hidden foot stays where it stood, unless cameras see past this place. A foot may be hidden without

@@ -173,7 +173,7 @@ def joint_derivative(
 
 
 _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot"}
-"""The bone at whose head each missing part would begin."""
+"""For each part that may be missing, the bone at whose head (first end) the part begins."""
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:

@@ -226,8 +226,8 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted places of the joints (21, 3): the present places, but NaN for the joints of ``limbs``, which the
-    caller sets.
+    """Return wanted places of the joints (21, 3), to hold all joints but those of ``limbs`` at their present places.
+    Joints of ``limbs`` are NaN; the caller sets them.
     """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
@@ -255,7 +255,7 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
 
 
 CONTRADICTED_M: Final = 0.15  # m; an anchor farther than this from the tip of its limb contradicts the pose
-# m, distance by which an anchor lies nearer to the body's centre than the skin at the tip of its limb
+# m; an anchor lies nearer to the body's centre than the skin at the tip of its limb, by this distance
 INSIDE_TIP_M: Final = 0.03
 
 

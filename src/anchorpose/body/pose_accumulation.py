@@ -77,7 +77,7 @@ def _by_bones(
     """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
     (moving bones that carry a point), and torque and force (m, 6) on each carrier.
 
-    Each pair of carriers is first stored once; then ``_mirror`` adds the other half of the moments.
+    The kernel stores each pair of carriers only once; then ``_mirror`` adds the other half of the moments.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]

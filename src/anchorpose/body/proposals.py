@@ -74,8 +74,8 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
     """Yield the pose of the whole body by the learnt descriptor, then the pose with the opposite facing, since a wrong
-    facing is the descriptor's most frequent mistake. For a first pose in doubt nothing is yielded, since this pose was
-    found by the descriptor.
+    facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield nothing: the
+    descriptor found this pose.
     """
     if doubted.anchors is None:
         return

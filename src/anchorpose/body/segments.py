@@ -25,8 +25,8 @@ the measured lengths are acromion-radiale, radiale-stylion, trochanterion to lat
 to lateral malleolus."""
 
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
-"""Standard deviation of the logarithm of hand, foot and head size. They are scaled as a whole, about the wrist, ankle
-or head joint.
+"""Standard deviation of the logarithm of hand, foot and head size. Hands, feet and heads are scaled as a whole, about
+the wrist, ankle or head joint.
 """
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
@@ -51,9 +51,9 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Per direction: the spans that it lengthens by the same share, each from the head of one bone to that of another; and
-the standard deviation of the logarithm of their length, known from sitting height, biacromial and bicristal breadth in
-ANSUR II.
+"""Per direction: the spans that it lengthens by the same share, and the standard deviation of the logarithm of their
+length. A span extends from the head of one bone to the head of another. The standard deviations are known from sitting
+height, biacromial and bicristal breadth in ANSUR II.
 """
 
 
@@ -149,9 +149,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): per bone, the factors of x, y and z and a constant. For a point of the bone at (x, y, z) in the
-    rest pose, the sum of the three products and the constant is the share of the span's growth by which the point
-    moves.
+    """Return (b, 4): three factors and a constant per bone. For a point of the bone at (x, y, z) in the rest pose,
+    ``factors . (x, y, z) + constant`` is the share of the span's growth by which the point moves.
 
     Points of the span move in proportion to their distance along the span from its start; everything beyond the span
     moves as a whole.

@@ -91,7 +91,7 @@ def finest_patch_m(evidence: Evidence) -> float:
     """Return the side, in metres at the patient, of a patch of pixels that share one error, for the camera with the
     smallest patches; 0 if no camera shows the patient.
 
-    A sensor's matching windows and smoothing shift the edges of a limb by a part of this length.
+    The matching windows and the smoothing of a sensor displace the edges of a limb by a fraction of this length.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -104,8 +104,8 @@ def finest_patch_m(evidence: Evidence) -> float:
 # m2; limbs become less certain if the body leaves at least this area of seen skin uncovered; clothes and gripping hands
 # alone leave about as much
 WORTH_M2: Final = 0.004
-# m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer than this to the joint's
-# estimated place: the length of a shank, or of a forearm with its hand
+# m, the length of a shank, or of a forearm with its hand. A joint may lie at the tip of an uncovered piece of skin only
+# if the tip is nearer than this to the joint's estimated place
 IN_REACH_M: Final = 0.45
 # a limb points at a camera if the cosine of the angle between limb and ray is over this value
 END_ON: Final = float(np.cos(np.radians(35.0)))
@@ -113,7 +113,7 @@ END_ON: Final = float(np.cos(np.radians(35.0)))
 # hand; tuned on one recording of a reaching arm
 MORE_ALIKE: Final = 2.0
 HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of the limb's skin is hidden
-BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
+BROADER_M: Final = 0.13  # m, breadth of a chest (0.35 m) minus its depth (0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
@@ -250,7 +250,8 @@ def frame_alone_sigma(
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # take the largest variance along any direction: a hidden knee has its error forward, a pointing arm in depth
+    # take the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in
+    # depth
     variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
@@ -370,8 +371,9 @@ def before_lost_ends(
     wrists and ankles next to lost hands and feet.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
-    lost hand does not count as observed, and half of its distance from the elbow is assumed as an additional error. The
-    lost hand gets this error too, since its place follows from the wrist's. The same holds for ankle and foot.
+    lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as an additional
+    error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The same holds for
+    ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:
