@@ -18,7 +18,7 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames from a failed search for the patient's body to the next search, doubled after each failure up to
+# number of frames from a failed search for the patient's body to the next search. Each failure doubles it, up to
 # LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
@@ -45,8 +45,8 @@ def follow_openly(
     """Follow the patient as ``follow_patient`` does, but from any frame. Yield each estimate together with the tracker,
     which is None while no patient is followed.
 
-    choice: place of the patient in the first frame, None if no patient is to be searched for; begin: the patient as
-    found in the first frame, None if that frame must still be searched.
+    choice: place of the patient in the first frame, None if no patient is to be searched for. begin: the patient as
+    found in the first frame; None if the patient must still be searched for there.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:
@@ -55,7 +55,7 @@ def follow_openly(
 
 
 class Follower:
-    """The follower of one patient, which takes one frame at a time. A follower can be stored between two frames
+    """The object that follows one patient, frame by frame. A follower can be stored between two frames
     (``tracker.journal``). The arguments are those of ``follow_openly``; search: the search to continue, None if the
     patient was not followed before.
     """
@@ -85,7 +85,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Add a frame; yield all estimates that are now complete (a frame's estimate waits for its look-ahead)."""
+        """Add a frame; yield the estimates of all frames whose look-ahead is now complete."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:

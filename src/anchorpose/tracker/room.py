@@ -75,7 +75,7 @@ class Review:
     """A reviewer's corrections of earlier results."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # corrected joints by frame number
-    # first and last frame number of each unusable interval, and the reason as a sentence
+    # unusable intervals: first and last frame number, and the reason as a sentence
     unusable: tuple[tuple[int, int, str], ...] = ()
     # each camera's clock in the earlier results; empty = to be estimated
     clocks: dict[str, Clock] = field(default_factory=dict)

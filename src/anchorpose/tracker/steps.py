@@ -23,11 +23,11 @@ REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s 
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
 # m, maximum gap between a moved point and the reading at its pixel: half of GRID_M, plus clothes and noise
 SAME_M: Final = 0.06
-# m; if a reading is this far behind a point, the reading refutes the point: the person's skin is not there
+# m; a reading this far behind a point refutes the point: the person's skin is not there
 PAST_M: Final = 0.15
-POINTS: Final = 250  # maximum number of points used per person; so few give the share found a sampling error of 0.03
-STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
-PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; limbs in front may hide the rest
+POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
+STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
+PLACED: Final = 0.4  # if this share of the predicted skin is found, no step is needed; limbs in front may hide the rest
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
