@@ -9,7 +9,9 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """What a pixel shows. Labels from ``OTHER_PERSON`` on are other people, one label per person."""
+    """The label of a pixel, which states what the pixel shows. From ``OTHER_PERSON`` on, each label stands for one
+    person other than the patient.
+    """
 
     NO_READING = 0
     BACKGROUND = 1
