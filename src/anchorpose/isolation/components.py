@@ -48,9 +48,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. Callers pass int64, so that the function is compiled
-    only once.
-    """
+    """Return the root of a node's set, and shorten the path to it. Callers pass int64, so it is compiled once."""
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

@@ -9,9 +9,7 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """The label of a pixel, which states what the pixel shows. From ``OTHER_PERSON`` on, each label stands for one
-    person other than the patient.
-    """
+    """The label of a pixel. Each label from ``OTHER_PERSON`` on stands for one person other than the patient."""
 
     NO_READING = 0
     BACKGROUND = 1
