@@ -45,7 +45,7 @@ PUT_FILE: Final = "put the file itself there, or remove it"
 
 
 Stamp = tuple[int, int, int]
-"""Size, time of change (ns) and inode of a file. A stamp differs after the file was replaced or written to."""
+"""Size, time of change (ns) and inode of a file. The stamp changes if the file is replaced or written to."""
 
 _ERROR_STREAM: Final = 2  # file descriptor of the standard error stream
 _REDIRECTED: Final = Lock()  # held while the error stream is redirected
