@@ -204,8 +204,8 @@ class StandingFeet:
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
         if unknown. A hidden foot stays where it stood, unless cameras see past this place. A foot may be hidden without
-        ever having been seen standing. If it is on the floor in the registered pose, it is held there until the next
-        frame, so that it does not swing if the visible hip and knee bend.
+        ever having been seen standing. If such a foot is on the floor in the registered pose, it is held at this place
+        until the next frame. So it does not swing if the visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]

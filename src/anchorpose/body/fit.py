@@ -32,8 +32,8 @@ Predicted = tuple[Pose, np.ndarray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """The system ``hessian @ change = -gradient`` for a change of parameters: first those of the pose, then of the
-    shape.
+    """The system ``hessian @ change = -gradient`` for a change of parameters: first the pose parameters, then the shape
+    parameters.
     """
 
     hessian: np.ndarray

@@ -220,8 +220,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     """Return the covariance (k, k) of ``captured_turns`` in people. It is the covariance by motion capture plus an
-    independent variance of each turn, since other people move differently from those captured. The total variance is at
-    least that of the textbooks.
+    independent variance of each turn, since other people move differently from the captured people. The total variance
+    is at least that of the textbooks.
 
     expected (k, k): covariance of the same turns by the textbooks.
     """

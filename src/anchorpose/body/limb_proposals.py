@@ -1,5 +1,5 @@
-"""Propose other poses for a pose in doubt: a limb is laid along seen skin that the body does not cover, or along the
-path over the surface from an anchor to the body's centre, or limbs are exchanged.
+"""Propose other poses for a pose in doubt. A limb is laid along seen skin that the body does not cover, or along the
+path over the surface from an anchor to the body's centre; or limbs are exchanged.
 
 The images determine the proposed limb; the trunk is that of the pose in doubt (``exchanged`` also turns the body
 round). An anchor shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the rail

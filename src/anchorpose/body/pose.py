@@ -58,7 +58,7 @@ class Pose:
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """Return the change (POSE_SIZE,) to another pose, such that ``self.moved(change, moving)`` is ``after``."""
+        """Return the change (POSE_SIZE,) with which ``self.moved(change, moving)`` gives the pose ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 

@@ -2,8 +2,8 @@
 
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
 point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by
-skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last
-converted to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
+skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton. The last
+step converts the sums to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
 
-Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. The descriptor is
-needed because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
+Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. Depth readings alone
+are not enough: a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
 correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor's predictions on a large patch of
 skin count as only one observation, and depth readings can overrule the descriptor.
 """

@@ -32,8 +32,8 @@ LIMB_ERROR: Final = 4.0
 errors of shape and clothes. The value holds if the place of one part (limb or trunk) differs; if several parts differ,
 it is multiplied by their number.
 
-In two scenes in which only head and arms were visible, the lead of the correct pose over the pose with the opposite
-facing was 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+In two scenes, only head and arms were visible. The lead of the correct pose over the pose with the opposite facing was
+3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
 """The same standard deviation, in nats, if each pose has a body that was fitted to it. For all five parts it was 30
 nats, measured in 18 windows of 9 hard scenes."""

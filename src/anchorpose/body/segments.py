@@ -192,7 +192,7 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
     """Return the direction (change of shape) that moves trunk skin near the bulge's height outwards along the bulge's
-    axis, in proportion to the skin's distance from the trunk's middle along this axis.
+    axis. The movement is proportional to the skin's distance from the trunk's middle along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])

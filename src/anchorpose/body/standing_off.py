@@ -35,7 +35,7 @@ _LIMBS: Final = {
     "thigh": ("UpLeg", ("Hip", "Knee")),
     "shank": ("Leg", ("Knee", "Ankle", "Foot")),
 }
-"""The bone of each segment, and the joints that move with it: those at its ends, and a hand or foot beyond."""
+"""The bone of each segment, and the joints that move with it: the joints at its ends, and a hand or foot beyond."""
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:

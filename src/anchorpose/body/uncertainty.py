@@ -72,9 +72,9 @@ def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config:
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), where J is the rows' Jacobian, S the diagonal matrix of
-    ``strength`` (each row's weight times its noise), and N is 1 for two rows of one patch, else 0. Rows with a negative
-    patch number share their error with no other row.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE). J is the rows' Jacobian, S the diagonal matrix of ``strength``
+    (each row's weight times its noise). N is 1 for two rows of one patch, else 0. Rows with a negative patch number
+    share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -88,8 +88,8 @@ def _felt(
 
 
 def finest_patch_m(evidence: Evidence) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error, for the camera with the
-    smallest patches; 0 if no camera shows the patient.
+    """Return the side, in metres at the patient, of a patch of pixels that share one error. The camera with the
+    smallest patches counts. The result is 0 if no camera shows the patient.
 
     The matching windows and the smoothing of a sensor displace the edges of a limb by a fraction of this length.
     """
@@ -132,10 +132,10 @@ _SYSTEMATIC_MM: Final = {
     "Ankle": 3.8,
     "Foot": 8.0,
 }
-"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. The values were chosen so
-that the share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes
-for tuning (suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on
-the clothes."""
+"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. With the chosen values, the
+share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes for tuning
+(suite ``hard`` of ``benchmarks/run.py``). In hard scenes, equipment hides parts of the trunk, and people press on the
+clothes."""
 
 
 @cache
