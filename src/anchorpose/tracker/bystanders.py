@@ -110,7 +110,9 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
-    """All bystanders of one frame: those in ``followed`` have a fitted body, those in ``searched`` have none."""
+    """All bystanders of one frame: bystanders in ``followed`` have a fitted body, bystanders in ``searched`` have
+    none.
+    """
 
     followed: tuple[Bystander, ...] = ()
     searched: tuple[Search, ...] = ()

@@ -27,8 +27,8 @@ def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | No
     """Yield an estimate for every frame, in order. All joints are lost until the patient is found; after a loss, the
     patient is searched for again.
 
-    frames: all frames, forward or backward in time; the first should be the one where tracking begins
-    (``Room.initial_frame``). known: the learnt shape of the patient's body; None before learning.
+    frames: all frames, forward or backward in time; the first should be the initial frame (``Room.initial_frame``).
+    known: the learnt shape of the patient's body; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):

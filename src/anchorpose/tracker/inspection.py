@@ -213,8 +213,8 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
-    """Return the frame after the inspected frame and its matches; None if there is no such frame, or the patient is not
-    in it. The tracker's window is filled with the following frames first.
+    """Return the frame after the inspected frame and its matches; None if the recording ends or this frame does not
+    show the patient. The tracker's window is filled with the following frames first.
     """
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)

@@ -75,7 +75,7 @@ def find_mirrors(
 
 
 def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Scene, ...]:
-    """Return the scenes with walls in place of mirrors, so that nobody is found in a mirror."""
+    """Return the scenes with walls in place of mirrors, so that no person is found in a mirror."""
     changed = list(scenes)
     for mirror in mirrors:
         changed[mirror.scene] = with_wall(changed[mirror.scene], mirror.wall, mirror.gap)

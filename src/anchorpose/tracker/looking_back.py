@@ -116,8 +116,8 @@ def look_back(
 
 def _are_two_people(before: Sequence[Passed], again: Sequence[Passed]) -> bool:
     """Return whether the pass and tracking back follow two people: in most frames in which cameras see the trunks of
-    both, the two trunks are at different places. before, again: the frames of the pass and those tracked back; the last
-    frames of both are the same.
+    both, the two trunks are at different places. before, again: the frames of the pass, and the frames that were
+    tracked back; both end at the same frame.
     """
     apart_m = [
         float(np.linalg.norm(there.joints_m[TRUNK] - back.joints_m[TRUNK]))

@@ -203,7 +203,7 @@ class PatientTracker:
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
-        """Return the joints of this frame that a reviewer corrected; None if there are none."""
+        """Return the joints of this frame that a reviewer corrected; None without corrections."""
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
@@ -294,7 +294,7 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
+        """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
 
         If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
         corrections then get more weight, and poses before this frame are not used to predict the next poses.

@@ -79,7 +79,7 @@ def choose_patient(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> Patient | None:
-    """Choose the patient among all people in the sightings; None if nobody is seen.
+    """Choose the patient among all people in the sightings; None if no person is seen.
 
     If ``patient_xz_m`` is given, the patient is the person nearest to this place in the first sighting with a person
     there. Otherwise, the patient is the person with most votes.
@@ -97,7 +97,7 @@ def choose_patient(
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
     """Take the person who stands at a place in the sighting number ``first`` for the patient, and follow this person
-    from frame to frame; return None if nobody is near the place.
+    from frame to frame; return None if no person is near the place.
 
     sightings: sightings of successive frames. In each later frame, the person nearest to the patient's previous place
     is taken for the patient.
@@ -120,7 +120,7 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all seen people with their votes; if some of them pass the test ``_is_human``, return only those."""
+    """Return all seen people with their votes; if some people pass the test ``_is_human``, return only these people."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]

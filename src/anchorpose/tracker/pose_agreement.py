@@ -27,7 +27,7 @@ from anchorpose.recording.recording import FrameSet, depths_of
 # two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
 # farther away). A share above the first limit causes a note; a share above the second limit, a refusal of the recording
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-# two limits, like those of the room (for a note and a refusal), for the share of the people's surface that is seen past
+# two limits of the share of the people's surface that a camera sees past: for a note and for a refusal, as above
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # share of the room seen past above which the recording is refused if the share of people is unknown, for example
 # because a camera blurs depth edges. It is higher than MUCH_OF_ROOM, since people cannot confirm the contradiction
@@ -119,7 +119,7 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
+    """Return the doubt that the comparison of two cameras raises about their poses; None without a doubt.
 
     If the common surfaces determine a displacement, the displacement decides; otherwise the shares of surface seen past
     (``SeenPast``) decide. If the clocks are unknown, only the share of the room can refute a pose: the two cameras'

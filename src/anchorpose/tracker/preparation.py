@@ -181,7 +181,7 @@ def _frames_of_named(
     """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
     before and after it.
 
-    The result is empty if nobody stands at the given place in this frame. Raises InputError if the recording has no
+    The result is empty if no person stands at the given place in this frame. Raises InputError if the recording has no
     frame ``frame``.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
@@ -203,7 +203,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a patient's place at which nobody is; the error states where people are in this frame."""
+    """Return the error for a patient's place without a person; the error states where people are in this frame."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"

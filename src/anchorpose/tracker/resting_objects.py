@@ -1,8 +1,8 @@
 """Find objects that rest for a part of the recording (moved furniture, people who keep still), and add the furniture to
 the room.
 
-A door that is opened or a chair that is pushed does not stay in one place long enough to be learnt as a part of the
-room, but it is not a person either.
+An opened door or a pushed chair does not stay in one place long enough to be learnt as a part of the room. But such an
+object is not a person either.
 """
 
 from __future__ import annotations

@@ -85,7 +85,8 @@ class Search:
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may be. Call this method for all frames in order.
+        """Return the person who may be the patient in this frame, or the reason why no person may be. Call this method
+        for all frames in order.
 
         A new person may be a known bystander with a new label, if the patient has left the image or the person appears
         in another place. Such a person counts as the patient only if standing in the equipment, or while all bystanders

@@ -283,8 +283,8 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Return a pose in which each body part is taken from the pose with more weight for this part. If a pose is
-    missing, return the other; None if both are missing. weight (PARTS,): weight of ``other``.
+    """Return a pose in which each body part is taken from the pose with more weight for this part. If one pose is
+    missing, return the other pose; None if both are missing. weight (PARTS,): weight of ``other``.
     """
     if one is None or other is None:
         return one or other

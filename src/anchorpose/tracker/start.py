@@ -310,7 +310,7 @@ def rank_initial_frames(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
-    """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
+    """Return the frames that show the patient; frames that show the patient well and no other person nearby come first.
 
     frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
     the first unbroken series of frames with the patient at this place is used, since the place refers to the beginning
@@ -368,8 +368,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. If every initial frame shows the patient alone, nobody can be
-    confused with the patient, so the order stays the same and no body is fitted.
+    """Return the room with its best initial frame first. If every initial frame shows the patient alone, no person can
+    be confused with the patient. So the order stays the same, and no body is fitted.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):

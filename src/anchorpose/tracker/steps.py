@@ -45,9 +45,9 @@ def find_steps(
     no entry.
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at the point's depth, as refuted if a camera sees past the point (reads something farther
-    away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest refuted
-    is chosen.
+    pixel of a person lies at the point's depth. It counts as refuted if a camera sees past the point (reads something
+    farther away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest
+    refuted is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
