@@ -23,7 +23,7 @@ from anchorpose.recording.equipment import EquipmentModel
 # median.
 BACKGROUND_GATE: Final = 2.0
 # sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
-# is not used here, since thin bars are no wider than three pixels
+# is not used here, since thin bars are at most three pixels wide
 EQUIPMENT_GATE: Final = 3.0
 # m, assumed error of the equipment's predicted surface: the model was measured by hand, and the pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01

@@ -71,8 +71,8 @@ def learn_background(
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     needs a pose. Without an empty frame, the background of a pixel is the farthest surface that it shows in enough
-    frames; readings on people, whom the learnt descriptor finds, are left out. floor_height_m: None if no floor is
-    seen. The equipment is used only without an empty frame. Raises ValueError without frames.
+    frames; readings on people are left out; the learnt descriptor finds these people. floor_height_m: None if no floor
+    is seen. The equipment is used only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")

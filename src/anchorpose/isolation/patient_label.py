@@ -70,10 +70,10 @@ LAST_LABEL: Final = 254  # the largest person label
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
     """Label parts of the patient that have another person's label as the patient again; return the label of each node.
 
-    A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
-    skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise the
-    label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are connected to the
-    patient.
+    In two cases, a label stands for another person: if a body model is fitted to this person (``expected`` then has
+    this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a person.
+    Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are
+    connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}

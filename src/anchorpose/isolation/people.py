@@ -87,7 +87,7 @@ class PatientChoice:
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel gets the number of the person at the descriptor's nearest ray, -1 if nobody is found there.
+    A pixel gets the number of the person at the descriptor's nearest ray, -1 if this ray shows no person.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)

@@ -177,7 +177,7 @@ def _within(mask: np.ndarray) -> np.ndarray:
 
 
 def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
-    """Return the scene with the wall in place of the gap (height, width), so that nobody is seen beyond the wall."""
+    """Return the scene with the wall in place of the gap (height, width), so that no person is seen beyond the wall."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
     sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)

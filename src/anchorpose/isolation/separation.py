@@ -55,8 +55,8 @@ def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
     """Label each camera's pixels by person.
 
-    order (k,): numbers of the people; the first becomes the patient. Pixels at which the descriptor finds nobody join
-    the person to whom they are connected, up to the creases between touching people.
+    order (k,): numbers of the people; the first becomes the patient. Pixels at which the descriptor finds no person
+    join the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
     label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
