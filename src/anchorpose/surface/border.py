@@ -1,8 +1,8 @@
 """Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
-A bar or a therapist's arm in front of the shin ends the surface above it, and the geodesic extremum there (the node
-farthest from the centre) looks like a foot. Only the pixels around a node show whether the body really ends at the
-node.
+If a bar or a therapist's arm is in front of the shin, the surface ends above it. The geodesic extremum at this end (the
+node farthest from the centre) then looks like a foot. Only the pixels around a node show whether the body really ends
+at the node.
 """
 
 from __future__ import annotations

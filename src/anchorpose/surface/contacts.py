@@ -24,8 +24,8 @@ LEAST_APART_M: Any = np.float32(0.07)
 # rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so it is not cut even
 # if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
-# minimum sine of the angle between an edge and the skin at one of its ends, for the edge to be a step, as at the rim of
-# a hand on the trunk
+# minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
+# example, a step is at the rim of a hand on the trunk
 LEAST_STEP: Final = 0.6
 # m; limits for an edge without fold or step to give evidence of a contact, too. Its ends must show skin points more
 # than SHOWN_APART_M apart on the body. Each end must be within SHOWN_NEAR_M of its skin point (along the skin, the
@@ -41,8 +41,9 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
     none.
 
     The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
-    creases count as longer. A node with two candidates takes the one that is nearer, along the body, to the skin that
-    the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not matter.
+    creases count as longer. A node with two candidates takes the candidate that is nearer, along the body, to the skin
+    that the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not
+    matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)

@@ -121,8 +121,8 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with those corners of the
-    target surface's grid cell around it that show this skin.
+    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with the corners of the
+    target surface's grid cell around it, if they show this skin.
 
     source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
     source that the target's camera sees better are marked in ``dropped``.
