@@ -212,8 +212,8 @@ class AnchorConfig:
     gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, divided by the body height. It is smaller than that of a hand, since a head moves less, and since
-# the neck of a hidden head, 20 cm away, must not be mistaken for the head
+# gate of the head, divided by the body height. It is smaller than the gate of a hand: a head moves less, and the neck
+# of a hidden head, 20 cm away, must not be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum this near to its prediction is the limb's end even if it lies at a
 # cut, or if hidden skin continues there
@@ -303,8 +303,8 @@ def no_anchors() -> Anchors:
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
     """Return (k, 5) bool: True where a cap cannot be an anchor.
 
-    If the cap's piece of surface contains hidden skin, this skin decides whether a limb continues beyond its cap, since
-    it is more reliable than an edge in the depth frame. In such a piece every cap may be the head, since hidden skin
+    If the cap's piece of surface contains hidden skin, this skin decides whether a limb continues beyond its cap. It is
+    more reliable than an edge in the depth frame. In such a piece every cap may be the head, since hidden skin
     continues beyond every head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])

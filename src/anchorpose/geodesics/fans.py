@@ -193,8 +193,8 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, its bend (as in ``Front``), and how sharply the path turns at
-    the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
+    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply the
+    path turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
     them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``

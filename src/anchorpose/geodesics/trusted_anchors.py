@@ -205,7 +205,7 @@ def trusted_anchors(
     True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is not a rim: it is the
     same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf) anchors are not
     trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), the computed detour is
-    too long, since the path over the complete skin would bend at the outline, too. Fewer anchors are then trusted than
+    too long: the path over the complete skin would bend at the outline, too. Fewer anchors are then trusted than
     possible.
     """
     if not tolerance_m >= 0:
