@@ -42,7 +42,7 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; those of one clip and speed are contiguous, in the order of time."""
+    """All w sub-lists; sub-lists of the same clip and speed are contiguous, in the order of time."""
 
     place: np.ndarray  # (w,) float64, row of ``theta`` at which the newest pose is, possibly between two rows
     stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording

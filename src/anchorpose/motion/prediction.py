@@ -57,12 +57,12 @@ def best_sublists(
     clip is long enough.
 
     The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), the Euclidean distances of k poses, plus
-    ``displacement_weight * k`` times the distance between the displacements over the history, since the same pose
-    occurs in movements of any direction and speed. history (k, d): the newest pose last. Only sub-lists that are
-    followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best costs are skipped. The
-    result is still exact: the sum of k distances is at least k times the distance of the means, and omitted columns
-    only lower this bound. Among equal sub-lists, the earlier is taken. A column with a missing value anywhere in the
-    history is not compared; every sub-list is then tested.
+    ``displacement_weight * k`` times the distance between the displacements over the history. The displacements are
+    included, since the same pose occurs in movements of any direction and speed. history (k, d): the newest pose last.
+    Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best
+    costs are skipped. The result is still exact: the sum of k distances is at least k times the distance of the means,
+    and omitted columns only lower this bound. Among equal sub-lists, the earlier is taken. A column with a missing
+    value anywhere in the history is not compared; every sub-list is then tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
