@@ -1,5 +1,5 @@
 """Match surface nodes of one frame with nodes of the next frame, by the best branches of a track tree over two to four
-frames, and make constraints on the pose from the matches (paper, Section IV).
+frames. Make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
