@@ -120,7 +120,7 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which there is equipment at
+        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which rays hit equipment at
         about ``depth_m``, the depth at ``here``.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL

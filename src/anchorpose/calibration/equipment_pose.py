@@ -296,7 +296,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and the best one refined after each turn of ``Symmetry.alike``."""
+    """Return the refined best poses of the search, and the best pose refined after each turn of ``Symmetry.alike``."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:

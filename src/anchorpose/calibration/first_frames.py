@@ -81,18 +81,18 @@ NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a 
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
-USUAL_DISTANCE_M: Final = 2.5  # m, distance from the camera at which a patient is assumed if nobody is found
+USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
 
 
 def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> tuple[np.ndarray, str]:
-    """Return a point (3,) in the camera frame below the pelvis of the most visible person in the first sampled frame
-    with a person, and a note on how it was found. The point is on the floor or, without a floor, at the height of the
-    lowest visible point.
+    """Return a point (3,) in the camera frame below the pelvis of a person, and a note on how it was found. The person
+    is the most visible person in the first sampled frame with a person. The point is on the floor or, without a floor,
+    at the height of the lowest visible point.
 
     up (3,), camera frame; height_m: height of the camera above the floor, None if unknown. If the learnt descriptor
-    finds nobody, the point is straight ahead of the camera.
+    finds no person, the point is straight ahead of the camera.
     """
     for frame in sample_frames:
         depth = frame.depths_m[0]
@@ -221,8 +221,8 @@ def is_upside_down(
     """Return whether people stand on a plane above the camera (according to the camera's pose), and on no plane below
     it.
 
-    floor: result of ``floor_of_room`` from the same frames. Also return False if nobody moves or no plane is seen,
-    since nothing then shows which way is up.
+    floor: result of ``floor_of_room`` from the same frames. Also return False if no person moves or no plane is seen,
+    since the frames then do not show which way is up.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False

@@ -145,7 +145,7 @@ def detect_markers(
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # corners found by fitting a tag's four edges have half the error of corners that are refined one by one
+        # corners found by fitting a tag's four edges have half the error of corners that are refined separately
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:

@@ -42,7 +42,7 @@ SAMPLES: Final = 8  # number of frames from which the patient's place is found i
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
     """A proposed part, the robust spread of its readings about its surface, the number of readings, and the names of
-    its lengths (length, breadth, thickness) that are guessed, since no camera sees them.
+    guessed lengths (length, breadth, thickness), which no camera sees.
     """
 
     part: Box | Cylinder
@@ -135,9 +135,9 @@ def propose_equipment(
 ) -> EquipmentProposal | NoEquipment:
     """Propose boxes and tubes that fit the objects in the cylinder ``region`` of the empty room.
 
-    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
-    sees one side of a bar, this side is placed such that the bar is square, and the length from this side to the
-    opposite side is named in ``guessed``.
+    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side of a bar
+    that no camera sees is placed so that the bar is square. The length from this side to the opposite side is then
+    named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:

@@ -237,7 +237,7 @@ def _best_bar(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) 
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the points (n,) bool on the bar through a place, and its direction; None if there is no bar."""
+    """Return the points (n,) bool on the bar through a place, and its direction; None without a bar there."""
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):
