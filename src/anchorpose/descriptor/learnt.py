@@ -240,7 +240,7 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches and, last, of nobody."""
+    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches, then of no person."""
     raised = classes - classes.max(axis=0)
     np.exp(raised, out=raised)  # in place, since it takes time to allocate a new array
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
@@ -250,7 +250,7 @@ def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray
     """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) in metres of n pixels, from the network's outputs
     (n, outputs).
 
-    The outputs are a score per patch and a score for nobody, the log of the error, the vote, and features. The offset
+    The outputs are a score per patch, a score for "no person", the log of the error, the vote, and features. The offset
     within the patch is a linear function of the features.
     """
     patches = len(weights.centres)

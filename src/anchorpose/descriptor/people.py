@@ -19,7 +19,7 @@ trained on, 96 % of the votes are nearer than this to the pelvis of their person
 """
 
 NEAR_M: Final = 0.2  # m, radius within which votes count for the same pelvis; twice a vote's median error
-STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
+STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to no person
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
