@@ -280,8 +280,8 @@ def _is_number(text: str) -> bool:
 def load_config(path: Path, kind: type[Document]) -> Document:
     """Read settings of the class ``kind`` from a file; values that the file lacks keep their defaults.
 
-    Raises InputError for a file that is neither TOML nor JSON, an unknown name (the message has the nearest known
-    name), a value of the wrong type, and an impossible value.
+    Raises InputError for a file that is neither TOML nor JSON, for an unknown name (the message then has the nearest
+    known name), and for a value of the wrong type or an impossible value.
     """
     return validate(path, kind, read_config(path))
 

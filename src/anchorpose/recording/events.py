@@ -147,8 +147,9 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    The function refuses missing and repeated columns, texts in place of numbers, trials that have no duration, overlap
-    or lie outside the recording, and columns of numbers without a unit in the JSON file beside it.
+    The function refuses missing and repeated columns, and texts in place of numbers. It refuses trials that have no
+    duration, overlap or lie outside the recording, and columns of numbers without a unit in the JSON file beside the
+    events file.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []

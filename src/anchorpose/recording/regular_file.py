@@ -186,7 +186,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read those of the arrays ``names`` that an .npz file has; raises InputError for any other file."""
+    """Read the arrays with these ``names`` that an .npz file has; raises InputError for any other file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())
