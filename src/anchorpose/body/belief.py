@@ -64,9 +64,9 @@ class PoseBelief:
 
 TRUNK_TURN, LIMB_TURN, ROOT_M_S = 15.0 * DEGREE, 37.0 * DEGREE, 0.18
 """Standard deviations of people's movement away from the pose in which they were last seen, per second. In this order:
-turn of a bone of the trunk about each axis (rad/s), the same for a bone of a limb, and movement of the pelvis along
-each axis (m/s). Measured in UI-PRMD (ten exercises by seven people): in half a second, trunks turn by 11 degrees and
-thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
+turn of a trunk bone about each axis (rad/s), turn of a limb bone about each axis (rad/s), and movement of the pelvis
+along each axis (m/s). Measured in UI-PRMD (ten exercises by seven people): in half a second, trunks turn by 11 degrees
+and thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:

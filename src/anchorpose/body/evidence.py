@@ -264,8 +264,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
     Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
-    shank or foot gets a row only if the place ``_FLESH_M`` below this point lies inside the right shank or foot.
-    Without these rows, both shanks could be fitted to the seen surface of one shank.
+    shank or foot gets a row only if the place ``_FLESH_M`` below it is inside the right shank or foot. Without these
+    rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])

@@ -268,8 +268,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
 
 @cache
 def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Return, per side, the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's direction at
-    rest, and the sign of a turn that raises the girdle.
+    """Return five values per side: the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's
+    direction at rest, and the sign of a turn that raises the girdle.
     """
     found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):

@@ -79,8 +79,8 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """Return the increase, in nats, of the log likelihood ratio by a surface of this area that one camera sees, if the
-    body's skin lies exactly on the surface.
+    """Return the maximum contribution, in nats, of a surface of this area to the log likelihood ratio. This is its
+    contribution if one camera sees it and the body's skin lies exactly on it.
     """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2

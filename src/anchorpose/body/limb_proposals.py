@@ -40,8 +40,8 @@ SMALLEST_M2: Final = 0.002
 MOST_PIECES: Final = 3
 TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
 SETTLED_M: Final = 0.01  # m; the solver stops if a round moves no joint over this far; registration refines the pose
-# m; a limb may be laid along a path whose tip is up to this far out of the limb's reach, since the trunk may lean and
-# the shoulder may move
+# m, maximum distance by which the tip of a path may be out of a limb's reach for the limb to be laid along the path;
+# the trunk may lean, and the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
 
@@ -261,7 +261,8 @@ INSIDE_TIP_M: Final = 0.03
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
     """Yield geodesic paths to the body's centre, each with the limbs that may lie along it. The paths begin at hand and
-    foot anchors that contradict the pose, and at free ends (limb ends that could not be named as hand or foot).
+    foot anchors that contradict the pose, and at free ends. Free ends are limb ends that could not be named as hand or
+    foot.
 
     A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
     may belong to any limb.

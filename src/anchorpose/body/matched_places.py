@@ -1,7 +1,7 @@
 """Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
 The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
-place on the skin itself, so a single frame has matches all over the body, and no initial pose is needed.
+place on the skin itself. So a single frame has matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and t
 # number of matches that count as one observation, since all matches of a body part have similar errors
 MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance (m) between the two places of a match, on the skin and in the image, at which its weight has fallen to a
-quarter, one value per solver step. It decreases from a limb's length to a limb's width.
+"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. It is the distance
+between the match's place on the skin and its place in the image. It decreases from a limb's length to a limb's width.
 """
 
 # m, mean and standard deviation of an unknown person's stature, adult or child

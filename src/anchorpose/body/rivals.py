@@ -46,8 +46,8 @@ OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
 # likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival that is less likely than the best pose by more than this is dropped, and a rival that
-# is likelier by more than this becomes the best pose
+# nats (a factor of e^6); a rival less likely than the best pose by more than this is dropped; a rival likelier by more
+# than this becomes the best pose
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 

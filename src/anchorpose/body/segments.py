@@ -174,8 +174,8 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """Return the direction (change of shape) that moves each point of a segment's skin away from the segment's axis by
-    the share ``sigma`` of its distance from the axis; bones do not move.
+    """Return the direction (change of shape) that makes a segment thicker: each point of its skin moves away from the
+    segment's axis by the share ``sigma`` of its distance from the axis; bones do not move.
     """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]

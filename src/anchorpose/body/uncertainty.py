@@ -197,11 +197,11 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then determines the skin's place only to within the width of an edge, and all nodes in a square of this width
-    count as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The
-    direction that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an
-    error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from
-    the axis.
+    A node then gives the skin's place only to within the width of an edge. So all nodes in a square of this width count
+    as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction
+    that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an error of
+    edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from the
+    axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -285,8 +285,8 @@ def shape_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether a limb points at a camera, nothing hides it from this camera, and no camera sees its part beyond
-    elbow or knee from the side.
+    """Return whether all of this holds: a limb points at a camera, nothing hides it from this camera, and no camera
+    sees its part beyond elbow or knee from the side.
 
     The camera at which the limb points need not see the part beyond elbow or knee, since its estimated place may be too
     far off.
@@ -332,9 +332,9 @@ def unexplained_sigma(
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
     Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
-    may lie at the piece's tip instead of its present place. The log odds for this are the log likelihood that the limb
-    would gain on the piece, minus the log likelihood that it would lose at its present place. An elbow or knee may lie
-    at the tip, too; then the log likelihood of the whole limb would be lost.
+    may lie at the piece's tip instead of its present place. The log odds for this place are the log likelihood that the
+    limb would gain on the piece, minus the log likelihood that the limb would lose at its present place. An elbow or
+    knee may lie at the tip, too; then the log likelihood of the whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -354,8 +354,8 @@ def unexplained_sigma(
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
     """Return the lost hands and feet (joint indices). A hand or foot is lost if a camera sees past its place in this
-    frame, or did so in an earlier frame after which no camera has seen it. before: the lost hands and feet of the frame
-    before.
+    frame. It is also lost if a camera saw past it in an earlier frame and no camera has seen it since then. before: the
+    lost hands and feet of the frame before.
     """
     return frozenset(
         end
@@ -367,8 +367,8 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``) and for the
-    wrists and ankles next to lost hands and feet.
+    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``), and for
+    their wrists and ankles.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
     lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as an additional
