@@ -170,9 +170,9 @@ def follow_bystanders(
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
     If the last body does not fit the person's pixels, a new body is fitted. If no body fits, or if the person is
-    hidden, the last body keeps its place for ``MEMORY_S``, so that a person who reappears there is recognised. The body
-    is dropped earlier if a camera sees past the body (reads something farther away). For a visible person without a
-    body, fitting is tried again after a pause.
+    hidden, the last body keeps its place for ``MEMORY_S``. So a person who reappears at this place is recognised. The
+    body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person without
+    a body, fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}

@@ -171,7 +171,7 @@ def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
     """Return the states and sigma_m (21,) of all joints. Joints that a reviewer placed get the state ``HIDDEN`` instead
-    of ``LOST``, and their sigma is large enough to cover their distance from the place that the reviewer gave.
+    of ``LOST``. Their sigma is large enough to cover their distance from the reviewer's place.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)

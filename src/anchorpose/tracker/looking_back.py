@@ -5,7 +5,7 @@ the patient is tracked back from the frame in which the limb or patient was foun
 directions agree, or when it shows no more of the body than the pass did. Each frame is then taken from the direction
 that has more joints at places where cameras see the body. But if cameras see a trunk at the place of each direction in
 one frame, and the places differ, the trunks belong to two people. The pass has followed the patient from the initial
-frame, so the person who was found again is not the patient, and no frame is replaced.
+frame, so the person who was found again is not the patient. No frame is then replaced.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ class Observation:
         """Return (n, 5) metres: the geodesic distance from each seen node to each anchor; inf if no path leads to the
         anchor, NaN if the anchor is missed.
 
-        A distance that a hole in the surface lengthens is also NaN, but only if the node has at least ``LEAST_TRUSTED``
+        A distance that a hole in the surface lengthens is NaN, too, if the node has at least ``LEAST_TRUSTED`` other
         distances that are not lengthened.
         """
         return self.distances.of_seen_nodes()

@@ -1,5 +1,5 @@
-"""Observe a frame (label its people, mesh the patient, find the anchors), and hold the look-ahead (the later frames
-that are read before a pose is estimated).
+"""Observe a frame: label its people, mesh the patient, find the anchors. Hold the look-ahead, which is the later frames
+that are read before a pose is estimated.
 """
 
 from __future__ import annotations

@@ -181,8 +181,8 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Return the median share of the trunk that cameras see past (read something farther away); 0 if it is unknown in
-    every frame, since then nothing contradicts the body.
+    """Return the median share of the trunk that cameras see past (read something farther away). Return 0 if the share
+    is unknown in every frame, since nothing then contradicts the body.
     """
     known = [body.past for body in _bodies(seen) if np.isfinite(body.past)]
     return float(np.median(known or [0.0]))

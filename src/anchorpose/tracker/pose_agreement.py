@@ -29,8 +29,9 @@ from anchorpose.recording.recording import FrameSet, depths_of
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 # two limits of the share of the people's surface that a camera sees past: for a note and for a refusal, as above
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# share of the room seen past above which the recording is refused if the share of people is unknown, for example
-# because a camera blurs depth edges. It is higher than MUCH_OF_ROOM, since people cannot confirm the contradiction
+# limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
+# blurs depth edges. Above it, the recording is refused. It is higher than MUCH_OF_ROOM, since people cannot confirm the
+# contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10

@@ -119,8 +119,8 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raise InputError if an entry names a frame that the recording lacks or has at another time, or if it names the
-    patient in a frame marked as unusable.
+    """Raise InputError if an entry's frame is missing in the recording or has another time there. Also raise it if an
+    entry names the patient in a frame marked as unusable.
     """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)

@@ -175,8 +175,8 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border or, if pixels at the border
-    have no readings, from the readings nearest to the border.
+    """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border. If pixels at the border
+    have no readings, the extent is measured from the readings nearest to the border.
     """
     lens = camera.intrinsics
     sides = (

@@ -405,11 +405,11 @@ def best_of(
     """Return the first frame that shows the whole patient and that a body fits well. If no tried frame does, return the
     frame with the most probable body.
 
-    explained: returns, for a frame, how well a body fits the patient, 0 to 1, and the body's log probability in nats,
-    minus a penalty for surface far from the body. A body with the wrong facing lies near as much of the surface as the
-    correct body. But the depth readings are less probable with this body, or its shape is rare. If a person behind the
-    patient has the patient's label, no body fits all of the surface. The frame with the best score is tried first, then
-    frames far from all tried frames.
+    explained: function that returns two values for a frame: how well a body fits the patient, 0 to 1, and the body's
+    log probability in nats, minus a penalty for surface far from the body. A body with the wrong facing lies near as
+    much of the surface as the correct body. But the depth readings are less probable with this body, or its shape is
+    rare. If a person behind the patient has the patient's label, no body fits all of the surface. The frame with the
+    best score is tried first, then frames far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:

@@ -1,8 +1,8 @@
 """Find where all people moved since the last frame, from the depth images alone.
 
-At a low frame rate a walking person moves a quarter of a metre between frames, too far to be recognised by the
-remembered or predicted skin. So the points at which each person was last seen are moved over the ground and compared
-with the new frame.
+At a low frame rate, a walking person moves a quarter of a metre between frames. This is too far for the person to be
+recognised by the remembered or predicted skin. So the points at which each person was last seen are moved over the
+ground and compared with the new frame.
 """
 
 from __future__ import annotations
@@ -172,8 +172,8 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Set ``found`` to 1 for each moved point with a free pixel (no other person's) at the point's depth, and to -1 if
-    the camera sees past the point.
+    """Set ``found`` to 1 for each moved point whose pixel is free (not another person's) and has the point's depth. Set
+    it to -1 if the camera sees past the point.
     """
     height, width = depth.shape
     for k in range(len(steps)):
