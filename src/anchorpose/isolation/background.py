@@ -153,9 +153,9 @@ def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEq
 
     The mask has the pixels with a reading between ``low_m`` and ``high_m``, and the pixels without a reading at which
     the equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background
-    itself shows the equipment (``measured``), a pixel of the foreground is never equipment. Fingers around a bar stand
-    out by less than the sum of the equipment model's error and one pixel's noise, so their readings may lie between
-    ``low_m`` and ``high_m`` too.
+    itself shows the equipment (``measured``), a pixel of the foreground is never equipment. The reason is that fingers
+    around a bar stand out by less than the sum of the equipment model's error and one pixel's noise. So their readings
+    may lie between ``low_m`` and ``high_m``, too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

@@ -227,8 +227,8 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest depth (height, width) of the room within ``EDGE_PX`` of each pixel; 0 and inf
-    if the room is unknown anywhere in this neighbourhood.
+    """Return the nearest and the farthest depth (height, width) of the room in each pixel's neighbourhood, which
+    extends ``EDGE_PX`` to each side. Return 0 and inf if the room is unknown anywhere in it.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)

@@ -18,8 +18,8 @@ CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
 GATE: Final = 3.0  # sigmas; a place farther than this from all skin points gets its owner by region growing
-# minimum lead of the most likely owner over all other people, as a difference of the quantity (d / sigma)^2 + 2
-# log(sigma) that ``decide_ownership`` compares
+# minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
+# 2 log(sigma), which ``decide_ownership`` compares
 LEAST_LEAD: Final = 2.0
 
 

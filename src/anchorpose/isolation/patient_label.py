@@ -22,7 +22,7 @@ LEAST_CONTACT_M: Final = 0.05
 # other half along its longest side; a forearm borders on the rest of the body along a shorter side
 LEAST_CONTACT: Final = 1.0
 # m2, maximum area of a stray piece, the area of a head. The patient's leg below a bar may border on a person who kneels
-# in front, but the leg is larger than this, so it keeps the patient's label
+# in front. But the leg is larger than this, so it keeps the patient's label
 LARGEST_M2: Final = 0.03
 
 
@@ -87,9 +87,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels are a part of the patient: most lie on the patient's predicted skin (``skin``, a
-    KD-tree), they are connected to the patient's pixels, and the pixels off this skin have too little area for a
-    person.
+    """Return whether a label's pixels are a part of the patient. Three conditions must hold: most of the pixels lie on
+    the patient's predicted skin (``skin``, a KD-tree), they are connected to the patient's pixels, and the pixels off
+    this skin have too little area for a person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
