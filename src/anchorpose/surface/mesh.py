@@ -105,8 +105,8 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours, a and b, of each pixel to the sums, relative to the pixel's own ray and inverse depth, so
-    that float32 is precise enough.
+    """Add two neighbours, a and b, of each pixel to the sums. Values are relative to the pixel's own ray and inverse
+    depth, so that float32 is precise enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
     right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.
