@@ -154,8 +154,8 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of the distances from usual places, ``off`` (k, 5) in tolerances, and from predicted
-    places, ``away`` (k, 5) in units of the gate.
+    """Return the cost (k, 5) of the distances from usual places and from predicted places. off (k, 5): distance from
+    the usual place, in tolerances; away (k, 5): distance from the predicted place, in units of the gate.
     """
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)

@@ -1,5 +1,5 @@
-"""Prepare the fan of each node (its ring of up to eight neighbours, with edges and triangles), and compute the
-distances that the node can pass on to these neighbours.
+"""Prepare the fan of each node, and compute the distances that the node can pass on to its neighbours. A node's fan is
+its ring of up to eight neighbours, with edges and triangles.
 
 The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
 computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
@@ -198,9 +198,9 @@ def _through(
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
     them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``
-    = 2 c y; ``area`` is c times the neighbour's height over the edge. A front that turned around the rim comes from the
-    turning point, so the distance at that point (``since``) is subtracted first and added again at the end. The
-    candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
+    = 2 c y; ``area`` is c times the neighbour's height over the edge. If the front has turned around the rim, it comes
+    from the turning point. So the distance at this point (``since``) is subtracted first and added again at the end.
+    The candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since
