@@ -9,7 +9,7 @@ X, Y and Z of the heading frame at each moment; the fourth is the heading, radia
 
 A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
 is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
-recording), and its poses are interpolated on demand.
+recording). The poses of a sub-list are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -93,8 +93,9 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the line between the
-    hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are unknown.
+    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is perpendicular to the line
+    between the hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are
+    unknown.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
