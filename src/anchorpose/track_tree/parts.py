@@ -194,8 +194,9 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP (the paper's
-    equation for a part's motion, tau-hat = ICP(tau, phi)). Return T_next_now (b, 4, 4): the motion of each bone's part.
+    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. The paper's
+    equation for a part's motion is tau-hat = ICP(tau, phi). Return T_next_now (b, 4, 4): the motion of each bone's
+    part.
 
     skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
     place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):
