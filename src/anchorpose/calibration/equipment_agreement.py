@@ -1,8 +1,8 @@
 """Check that the poses of cameras that saw the equipment are consistent: all see the same floor, and no camera sees
 through a surface that another camera sees.
 
-For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
-which direction the world's X points.
+Some equipment looks the same from several sides. The module then also finds from which side each camera saw the
+equipment, and in which direction the world's X points.
 """
 
 from __future__ import annotations

@@ -114,8 +114,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return, for every place (x, z), the weighted sum of the map's values over the ``cells`` (n, 3), each (y, x, z),
-    after they are shifted to this place.
+    """Shift the ``cells`` (n, 3), each (y, x, z), to every place (x, z); return the weighted sum of the map's values
+    over the shifted cells, for each place.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
@@ -135,8 +135,8 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z, first of half the tolerance,
-    then of a quarter; return their scores (n,).
+    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z. The steps are first half of the
+    tolerance, then a quarter; return their scores (n,).
     """
     scores = np.empty(len(places))
     trial = np.empty(4)

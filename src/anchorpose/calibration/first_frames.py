@@ -145,7 +145,7 @@ LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; 
 MOST_BELOW: Final = 0.1  # maximum ratio of points below to points on the floor; mirrors and flying pixels cause a few
 # maximum share of the moving points that may be below the floor; below a table top, it is a third (a person's legs)
 MOST_SUNK: Final = 0.05
-# m; a moving point counts as below a plane if it is lower by more than this, the height of a shoe and the error of a
+# m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
 # tilted plane
 SUNK_M: Final = 0.10
 # minimum share of all readings that must lie on the floor; the direction of a smaller patch is uncertain
