@@ -228,8 +228,8 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 
 @lru_cache(maxsize=8)  # cached, since it is called for every frame
 def pair_frames(recording: Recording) -> np.ndarray:
-    """Return, for each image of the first camera, the position of the paired image in each camera's stream, (n,
-    cameras) int64, read only; -1 = none.
+    """Return (n, cameras) int64, read only: for each image of the first camera, the position of the paired image in
+    each camera's stream; -1 = none.
 
     Paired images are mutually nearest in time, within half a period of the first camera, so no image is used twice. A
     duplicate of the previous image is never paired, since it shows another moment than its time states; if the first
@@ -271,8 +271,8 @@ def half_period_s(time_s: np.ndarray) -> float:
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np.ndarray) -> np.ndarray:
-    """Return, for each time of ``time_s`` (n,), the index into ``other_s`` (m,) of the mutually nearest time, as (n,)
-    int64; -1 where none lies within ``within_s``, a number or (n,).
+    """Return (n,) int64: for each time of ``time_s`` (n,), the index into ``other_s`` (m,) of the mutually nearest
+    time. The index is -1 if no time lies within ``within_s``, a number or (n,).
     """
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
