@@ -169,7 +169,7 @@ DOUBT_M: Final = 0.10
 class _Stand:
     """The place where a foot stands, in the world."""
 
-    places_m: np.ndarray  # (PLACES, 3) places of the skin points that hold the foot
+    places_m: np.ndarray  # (PLACES, 3) places to which the skin points of the foot are held
     ankle_m: np.ndarray  # (3,) place of the foot's ankle
     since_s: float  # s, time of the last frame that confirmed this place
     seen: bool  # True: the foot was seen there; False: the foot is assumed to be there

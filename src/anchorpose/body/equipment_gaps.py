@@ -60,7 +60,7 @@ class EquipmentGaps:
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
     area_m2: np.ndarray
-    # (n,) float32, share of the camera-facing skin points within ``reach_m`` that are seen; 0 if no point faces a
+    # (n,) float32, share of seen points among the camera-facing skin points within ``reach_m``; 0 if no point faces a
     # camera
     shown: np.ndarray
 

@@ -22,7 +22,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-# m, sigma of the patient's outline; at a distance of 2.5 m the outline flickers by one to two pixels
+# m, sigma of the place of the patient's outline, which flickers by one to two pixels at a distance of 2.5 m
 OUTLINE_SIGMA_M: Final = 0.020
 # pixels, minimum width of an object that may hide a limb; the rim of missing readings around a silhouette is thinner
 THICK_PX: Final = 5
@@ -76,9 +76,9 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
     """Return the sigma (n,) of each node along its normal, metres, and the number (n,) of its patch. Nodes of one patch
     share one error.
 
-    thinned: share of the nodes that are used. A used node may represent more pixels than share one error. Denoising
-    then averages the errors of its pixels, so the node is a patch of its own, with less noise. Sigma is 0 if the
-    camera's noise is unknown.
+    thinned: share of the nodes that are used. A used node may represent more pixels than the pixels that share one
+    error. Denoising then averages the errors of its pixels, so the node is a patch of its own, with less noise. Sigma
+    is 0 if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -180,7 +180,7 @@ def _stray_rows(
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows of ``outline_constraints``: index of the skin point (n,), target and unit direction (n, 3). Skin
-    points more than three times ``reach`` from every pixel that is True in ``possible`` are left out.
+    points are left out if no pixel within three times ``reach`` is True in ``possible``.
     """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])

@@ -70,8 +70,8 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` outside the nearest skin, or over ``SKIN_REACH_M`` away
-    from all skin.
+    """Return (n,) bool: places (n, 3) that lie more than ``STANDS_OFF_M`` outside the nearest skin, or more than
+    ``SKIN_REACH_M`` away from all skin.
     """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])

@@ -46,7 +46,7 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedJoints:
-    """Joints of one frame that a reviewer placed."""
+    """The joints that a reviewer placed in one frame."""
 
     joint: np.ndarray  # (k,) index into ``JOINT_NAMES``
     position_m: np.ndarray  # (k, 3) m, corrected place of each joint in the world

@@ -31,7 +31,7 @@ the wrist, ankle or head joint.
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
 """Standard deviation of the logarithm of each segment's girth. The healthy people of ANSUR II have 0.035 to 0.050 at
-one height and weight. The values here are larger, since paralysed legs lose a third to a half of their muscle
+one height and weight. The values in this table are larger, since paralysed legs lose a third to a half of their muscle
 (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898)."""
 
 _BONES: Final = {

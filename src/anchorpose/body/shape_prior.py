@@ -108,9 +108,9 @@ class ShapeBelief:
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
-        """Return the belief with the same shape and a covariance that also covers other shapes. shares (n,): the
-        probability of each other shape. The covariance may exceed the prior's, so this belief must not be refined with
-        more frames.
+        """Return the belief with the same shape and a covariance enlarged to include other possible shapes. shares
+        (n,): the probability of each other shape. The covariance may exceed the prior's, so this belief must not be
+        refined with more frames.
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at

@@ -26,8 +26,8 @@ LEAST_M: Final = 0.015
 TOO_THICK: Final = 2.0
 # standard deviations of girth above the mean; the expected girth is that of the other side's limb, but at most this
 ORDINARY: Final = 0.5
-JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along each axis, per metre by which its skin stands off
-BONE_SHARE: Final = 0.5  # sigma of the length of a segment's bone, per metre by which the segment's skin stands off
+JOINT_SHARE: Final = 0.5  # sigma (m) of a segment's joints along each axis, per metre by which its skin stands off
+BONE_SHARE: Final = 0.5  # sigma (m) of the length of a segment's bone, per metre by which its skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
