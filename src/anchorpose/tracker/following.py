@@ -18,8 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames from a failed search for the patient's body to the next search. Each failure doubles it, up to
-# LONGEST_PAUSE, since a search takes as long as tracking thirty frames
+# number of frames from a failed search for the patient's body to the next search. Each failure doubles this number, up
+# to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
@@ -65,7 +65,7 @@ class Follower:
     _choice: PatientChoice | None
     _known: FittedShape | None
     _begin: Start | None
-    _search: Search | None  # None until a followed patient is lost
+    _search: Search | None  # the search for a patient who was followed and lost; None before
     _wait: int
     _pause: int
     _found: str

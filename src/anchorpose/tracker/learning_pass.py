@@ -30,7 +30,7 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# number of frames that are kept for each frame that learning uses; learning uses the frames whose poses differ most
+# number of frames that are kept per frame that learning uses; learning selects frames whose poses differ most
 CANDIDATES: Final = 2
 
 
@@ -264,7 +264,7 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 def _windows(
     run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float, one_facing: bool = False
 ) -> Iterator[_Window]:
-    """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
+    """Track a stretch, and yield its frames in windows. Tracking continues only when the next window is requested.
 
     one_facing: whether to end where the tracked body turns round; another pass tracks the frames from there on.
     """

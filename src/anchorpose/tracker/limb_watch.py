@@ -27,7 +27,7 @@ SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
 MISNAMED: Final = -1.0
 # the pause between searches ends if the uncovered area has grown by this factor since the last search
 MORE: Final = 1.5
-# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. It is this large, since
+# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The limit is large, since
 # the surface of an arm ends at wrist or elbow if a bar hides the hand
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head

@@ -131,8 +131,8 @@ def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndar
 
 
 def _split(pixels: Pieces, view: View, seeds: np.ndarray) -> View:
-    """Return the view after region growing divided the patient's pixels among people. seeds: at pixels where growing
-    starts, the label; ``NOBODY`` at all other pixels.
+    """Return the view after region growing divided the patient's pixels among people. seeds: the label at pixels where
+    growing starts, ``NOBODY`` at all other pixels.
     """
     grown = grow_regions(pixels, seeds.astype(np.uint8))
     labels = view.labels.copy()

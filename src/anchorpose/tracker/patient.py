@@ -70,7 +70,7 @@ class PatientTracker:
     turned: Rival | None  # the opposite facing in the first frame, as in ``Start``
     moved: bool  # whether limbs were found in another place than earlier frames suggested
     feet: StandingFeet
-    ends: frozenset[int]  # joint numbers of hands and feet that were lost and have not been seen since
+    ends: frozenset[int]  # joint numbers of hands and feet that were lost and not seen since then
     limb_seen_s: np.ndarray  # (PARTS, 2) s, when a limb's halves (split at elbow or knee) were last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate

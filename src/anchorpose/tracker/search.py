@@ -119,9 +119,9 @@ class Search:
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
-        """Return whether a person at a place (2,) may be a bystander who is out of view. The person may be a bystander
-        whose last place is nearer to this place than the patient's last place is. Such a bystander may reappear before
-        the patient, under a new label.
+        """Return whether a person at a place (2,) may be a bystander who is out of view. This is possible if the
+        bystander's last place is nearer to this place than the patient's last place is. Such a bystander may reappear
+        before the patient, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
@@ -142,7 +142,7 @@ class Search:
         """Return the people who are not bystanders seen before.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
-        Labels spread between people who touch, but the descriptor separates these people.
+        Labels may spread from one person to another who touches them, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)

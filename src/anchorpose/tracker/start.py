@@ -61,8 +61,8 @@ USUAL = 60.0
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
-# maximum squared Mahalanobis distance of 3 angles: the turn between the pelvis of a person and the expected pelvis of a
-# lost patient; 1 patient in 10,000 turns farther
+# maximum squared Mahalanobis distance (3 angles) of a person's pelvis rotation from the rotation expected for a lost
+# patient; 1 patient in 10,000 exceeds it
 TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
@@ -169,7 +169,7 @@ def _start_with(
     """
     if not found.found:
         return None
-    # the search corrects exchanged left and right limbs, and limbs at which the descriptor has no matches
+    # the search corrects exchanged left and right limbs, and limbs on which the descriptor found no matches
     search = search_limbs(body, found, expected or vague_belief(found.belief.pose), seen.evidence, config.registration)
     others = [*search.rivals, turned]
     if facing is None or not facing.pose.faces_away(search.registration.belief.pose):

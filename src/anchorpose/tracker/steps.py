@@ -32,10 +32,10 @@ BETTER: Final = 0.2  # a step is accepted only if it increases the share of poin
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
-MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
+MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; an image has no room for more
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
 APART_M: Final = 0.25  # m, minimum distance between two people's places, and between two considered steps of a person
-LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); with fewer, no step is found
+LEAST_POINTS: Final = 60  # minimum number of a person's points, as many as on a hand; with fewer, no step is found
 
 
 def find_steps(
