@@ -156,8 +156,8 @@ def _with_newcomers(
     next_label: int,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Give newcomers a label; return all owners. A newcomer is a person, found by the descriptor, most of whose pixels
-    have no owner. The label is new. But if most of these pixels lie where the patient was seen last, the patient's
+    """Give newcomers a label; return all owners. A newcomer is a person that the descriptor finds at pixels of which
+    most have no owner. The label is new. But if most of these pixels lie where the patient was seen last, the patient's
     predicted place was wrong, and the newcomer gets the patient's label.
     """
     free = [owner == NOBODY for owner in owners]
