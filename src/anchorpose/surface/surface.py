@@ -158,7 +158,7 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """The patient's skin where the predicted pose has it."""
+    """The patient's skin at the places that follow from the predicted pose."""
 
     points_m: np.ndarray  # (k, 3) float32, world
     normals: np.ndarray  # (k, 3) float32, world, outwards
@@ -166,7 +166,7 @@ class ExpectedSkin:
 
     @property
     def arrays(self) -> SkinArrays:
-        """Return places and distances for compiled kernels."""
+        """Return places and distances in the form for compiled kernels."""
         return SkinArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
