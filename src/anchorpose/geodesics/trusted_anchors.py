@@ -18,7 +18,7 @@ from numba import njit
 from anchorpose.geodesics.paths import adjoin, apart, by_distance, came_from, is_bare, open_nodes
 from anchorpose.surface.surface import MeshArrays, Surface
 
-POINT, NORMAL, SKIN = 0, 3, 6  # first columns of place and normal in ``skin``, and its number of columns
+POINT, NORMAL, SKIN = 0, 3, 6  # in ``skin``: first column of the point and of the normal, number of columns
 PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # first columns of ``bend`` (see below), and its number of columns
 CORNER, ROOT, CHAIN = 0, 1, 2  # columns of ``chain`` (see below), and their number
 """Columns of the arrays in which the kernels keep the values of the n nodes.
