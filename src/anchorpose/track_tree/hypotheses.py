@@ -51,7 +51,7 @@ class GateConfig:
     # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
     # matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
-    # e_2, m per m of path to the anchor, for the geodesic noise that is left after smoothing
+    # e_2, m per m of path to the anchor, for the geodesic noise that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
     # m, radius around the predicted place in which matches are searched; a hand at 3.6 m/s moves this far in 33 ms
     search_radius_m: Positive = 0.12
