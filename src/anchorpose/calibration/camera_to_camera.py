@@ -102,9 +102,9 @@ def find_camera_to_camera(
 ) -> CameraToCamera | NoCameraToCamera:
     """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
 
-    floors: one per camera. A camera whose view shares too little with the first camera's is placed relative to another
-    placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted, since the
-    poses found serve only to compare the clocks.
+    floors: one per camera. A camera whose view overlaps too little with that of the first camera is placed relative to
+    another placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted,
+    since the poses found serve only to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
     if len(planes) < len(floors):

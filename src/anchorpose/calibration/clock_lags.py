@@ -160,7 +160,7 @@ REACH_S: Final = 0.12  # s, maximum error of a lag from signals: twice the large
 # s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
 SYSTEMATIC_S: Final = 0.001
 LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the lag from signals is certain
-LEAST_FRAMES: Final = 8  # minimum number of frames in a window, as many as a camera takes at 4 Hz
+LEAST_FRAMES: Final = 8  # minimum number of frames in a window: the frames of a camera at 4 Hz in ``WINDOW_S``
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
 PLACES: Final = 4  # number of moments compared per part of the recording in ``busiest_times``

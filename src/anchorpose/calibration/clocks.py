@@ -194,7 +194,7 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock; it must be given with its recorded time stamps.
+    """Return ``recording`` with all times on the first camera's clock. The argument must have the recorded time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
     function before and again after poses are found. A clock that cannot be estimated stays unchanged.

@@ -264,7 +264,7 @@ def _areas(corners_m: np.ndarray) -> np.ndarray:
 def _on_triangles(corners_m: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
     area = _areas(corners_m)
-    place = (np.arange(count) + rng.random(count)) / count  # stratified, so that no part lacks points by chance
+    place = (np.arange(count) + rng.random(count)) / count  # stratified sampling: no part lacks points by chance
     chosen = np.minimum(np.searchsorted(np.cumsum(area) / area.sum(), place), len(area) - 1)
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     a, b, c = corners_m[chosen].transpose(1, 0, 2)
