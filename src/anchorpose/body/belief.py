@@ -11,7 +11,7 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-# s; a predicted pose that proves wrong gets the uncertainty that a pose has after this time without observations
+# s; if a predicted pose proves wrong, its uncertainty is set to that of a pose after this time without observations
 UNSEEN_S: Final = 4.0
 
 
@@ -54,8 +54,8 @@ class PoseBelief:
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
         """Return the belief in another pose, with the given variance (POSE_SIZE,) added to each parameter.
 
-        The added variance is correlated between joints that people bend together. So if a visible hip bends, the
-        estimate of the hidden knee of the same leg bends, too.
+        The added variance is correlated between joints that people bend together. So if images show that a hip bends,
+        the hidden knee of the same leg is estimated to bend, too.
         """
         sigma = np.sqrt(variance)
         growth = sigma[:, None] * turns_together(load_body_asset()) * sigma
@@ -63,10 +63,10 @@ class PoseBelief:
 
 
 TRUNK_TURN, LIMB_TURN, ROOT_M_S = 15.0 * DEGREE, 37.0 * DEGREE, 0.18
-"""Standard deviations, per second, of how far people move from the pose in which they were last seen. In this order:
-turn of a bone of the trunk about each axis (rad/s), the same for a bone of a limb, and movement of the pelvis along
-each axis (m/s). Measured in UI-PRMD (ten exercises by seven people): in half a second, trunks turn by 11 degrees and
-thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
+"""Standard deviations of people's movement away from the pose in which they were last seen, per second. In this order:
+turn of a trunk bone about each axis (rad/s), turn of a limb bone about each axis (rad/s), and movement of the pelvis
+along each axis (m/s). Measured in UI-PRMD (ten exercises by seven people): in half a second, trunks turn by 11 degrees
+and thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis."""
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:

@@ -16,7 +16,7 @@ class Source(StrEnum):
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # ends of limbs, found by geodesic distances; each is named as a hand or foot, or has no name
+    ANCHORS = "anchors"  # ends of limbs found by geodesic distances; not every end is recognised as a hand or foot
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
     # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
     SIDES = "sides"
@@ -41,7 +41,7 @@ class RegistrationConfig:
     surface_sigma_m: Positive = 0.010
     # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0
-    # sources of other poses for a pose in doubt; all are used, except to compare methods
+    # sources of other poses for a pose in doubt; the default is all sources, fewer serve to compare methods
     sources: tuple[Source, ...] = tuple(Source)
 
 
@@ -71,7 +71,7 @@ class VisibilityConfig:
 
 @settings
 class UncertaintyConfig:
-    """Corrections of the joint sigma that a pose's posterior gives; tuned on simulated people, alone or in clinics."""
+    """Corrections of the joint sigma from a pose's posterior; tuned on simulated people, alone or in clinics."""
 
     # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape does not place them better than this
     floor_m: Positive = 0.0035

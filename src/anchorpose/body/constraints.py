@@ -18,7 +18,7 @@ from anchorpose.surface.surface import Nodes
 
 # m; in the search for the nearest skin, an angle of 60 degrees between two normals counts as much as this distance
 NORMAL_WEIGHT_M: Final = 0.10
-# m, spacing of skin points; the body does not cover a node that is farther than this from all skin points
+# m, spacing of skin points; a node farther than this from all skin points counts as not covered by the body
 UNCOVERED_M: Final = 0.03
 
 
@@ -75,7 +75,7 @@ def surface_constraints(
 
     The skin point is pulled onto a plane through the node. The plane's normal is the mean of the node's and the skin
     point's normals, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node
-    more than ``UNCOVERED_M`` away pulls the skin point straight to itself: by planes alone, limbs could slide along
+    more than ``UNCOVERED_M`` away pulls the skin point straight to itself: with planes alone, limbs could slide along
     their axis.
     """
     return rows_of_nodes(posed, surface, cameras, reach_m, config)[0]

@@ -169,7 +169,7 @@ DOUBT_M: Final = 0.10
 class _Stand:
     """The place where a foot stands, in the world."""
 
-    places_m: np.ndarray  # (PLACES, 3) places of the skin points that hold the foot
+    places_m: np.ndarray  # (PLACES, 3) places to which the skin points of the foot are held
     ankle_m: np.ndarray  # (3,) place of the foot's ankle
     since_s: float  # s, time of the last frame that confirmed this place
     seen: bool  # True: the foot was seen there; False: the foot is assumed to be there
@@ -199,12 +199,13 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Update where feet stand by one more registered frame. A visible foot stands if its ankle was at rest.
+        """Update the places where feet stand from one more registered frame. A visible foot stands if its ankle was at
+        rest.
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
         if unknown. A hidden foot stays where it stood, unless cameras see past this place. A foot may be hidden without
-        ever having been seen standing. If it is on the floor in the registered pose, it is held there until the next
-        frame, so that it does not swing if the visible hip and knee bend.
+        ever having been seen standing. If such a foot is on the floor in the registered pose, it is held at this place
+        until the next frame. So it does not swing if the visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]

@@ -37,7 +37,7 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine where each region's skin is. Its sigma is that of the least certain of these joints."""
+"""The joints that determine the place of each region's skin. The skin gets the sigma of the least certain of them."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -60,7 +60,7 @@ class EquipmentGaps:
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
     area_m2: np.ndarray
-    # (n,) float32, share of the camera-facing skin points within ``reach_m`` that are seen; 0 if no point faces a
+    # (n,) float32, share of seen points among the camera-facing skin points within ``reach_m``; 0 if no point faces a
     # camera
     shown: np.ndarray
 
@@ -106,7 +106,7 @@ def find_equipment_gaps(
 
 def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return part, region and gap (k,) for the k body regions near one part of the equipment. Also return (3, k): for
-    each row of ``counted``, how many skin points of each region are True.
+    each row of ``counted``, the number of skin points of each region at which the row is True.
 
     distance_m, region (n,): for each skin point around the part, its distance from the part and its body region.
     counted: (3, n) bool.

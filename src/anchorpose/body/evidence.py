@@ -22,7 +22,7 @@ from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.surface.surface import Nodes, Surface
 from anchorpose.threads import each
 
-# m, sigma of the patient's outline, which flickers by one to two pixels at a distance of 2.5 m
+# m, sigma of the place of the patient's outline, which flickers by one to two pixels at a distance of 2.5 m
 OUTLINE_SIGMA_M: Final = 0.020
 # pixels, minimum width of an object that may hide a limb; the rim of missing readings around a silhouette is thinner
 THICK_PX: Final = 5
@@ -31,20 +31,20 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m, half of a shank's thickness: a place this deep below the skin of one shank must not lie inside the other shank, so
+# m, half of a shank's thickness. A place this deep below the skin of one shank must not lie inside the other shank:
 # shanks may touch, but not coincide
 _FLESH_M: Final = 0.03
-# m, half a trunk's thickness; points deeper than this in a body part are not pushed out of this part, since the nearest
-# skin may be on the wrong side
+# m, half a trunk's thickness. A point deeper than this inside a body part is not pushed out of it, since the skin
+# nearest to the point may be on the wrong side
 _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
 # m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor, chosen so that a foot at ``_IN_THE_AIR_M`` costs 3 nats (6 nats if it is
-# far higher): in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor. A pose with a foot at the height ``_IN_THE_AIR_M`` becomes less probable
+# by 3 nats, with a far higher foot by 6 nats: in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
-_IN_THE_AIR_M: Final = 0.5  # m above the floor; the cost of a raised foot hardly grows beyond this height
+_IN_THE_AIR_M: Final = 0.5  # m above the floor, scale of the robust kernel for a foot's height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,12 +73,12 @@ def gather_evidence(
 
 
 def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node along its normal, metres, and the patch (n,) of nodes with which it shares one
-    error.
+    """Return the sigma (n,) of each node along its normal, metres, and the number (n,) of its patch. Nodes of one patch
+    share one error.
 
-    thinned: share of the nodes that are used. If a used node represents more pixels than the pixels that share one
-    error, denoising averages the errors of its pixels; the node is then a patch of its own, with less noise. Sigma is 0
-    if the camera's noise is unknown.
+    thinned: share of the nodes that are used. A used node may represent more pixels than the pixels that share one
+    error. Denoising then averages the errors of its pixels, so the node is a patch of its own, with less noise. Sigma
+    is 0 if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -101,10 +101,12 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
 
 
 def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
-    """Return the number of constraint rows that count as one observation in this frame, given also the cameras' noise.
+    """Return the number of constraint rows that count as one observation in this frame, with the cameras' noise
+    included.
 
-    The settings (``rows_per_observation``) state it for the errors of clothes and folds. A sensor that smooths its
-    images gives a whole patch of nodes the same error (``node_noise``), which may be much larger.
+    The setting ``rows_per_observation`` is this number for errors of clothes and folds alone. A sensor that smooths its
+    images gives a whole patch of nodes the same error (``node_noise``). The patch's number of nodes is added, times the
+    noise's variance relative to that of the surface error.
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
     noise_m, patch = node_noise(evidence, used)
@@ -178,7 +180,7 @@ def _stray_rows(
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows of ``outline_constraints``: index of the skin point (n,), target and unit direction (n, 3). Skin
-    points more than three times ``reach`` from every pixel that is True in ``possible`` are left out.
+    points are left out if no pixel within three times ``reach`` is True in ``possible``.
     """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
@@ -210,8 +212,8 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the background or another person, farther away than ``farthest``: the maximum depth
-    of the patient's skin at this pixel. Background without a reading counts, too.
+    """Return whether a pixel shows the background or another person farther away than ``farthest``. Background without
+    a reading counts, too. farthest: the maximum depth of the patient's skin at this pixel.
     """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
@@ -262,8 +264,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
     Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
-    shank or foot gets a row only if the place ``_FLESH_M`` below this point lies inside the right shank or foot.
-    Without these rows, both shanks could be fitted to the seen surface of one shank.
+    shank or foot gets a row only if the place ``_FLESH_M`` below it is inside the right shank or foot. Without these
+    rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
@@ -321,8 +323,9 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each tested place ``asked[arms]`` that has a point of ``trunk`` nearer than ``_DEEPEST_M``, the
-    place's row in ``arms`` and the nearest point's row in ``trunk``. ``arms`` and ``trunk`` may also be two shanks.
+    """Find the point of ``trunk`` nearest to each tested place ``asked[arms]``, if it is nearer than ``_DEEPEST_M``.
+    Return the rows of these places in ``arms`` and of the points in ``trunk``. ``arms`` and ``trunk`` may also be two
+    shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

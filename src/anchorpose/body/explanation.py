@@ -1,7 +1,8 @@
 """Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
 
-Two quantities show that a limb is not where the pose has it: the area of seen skin of the patient that no part of the
-posed body covers, and the share of each limb's skin that a camera sees past, because it sees something farther away.
+Two quantities show that a limb is misplaced. The first is the area of the patient's seen skin that no part of the posed
+body covers. The second is the share of each limb's skin that a camera sees past, because it sees something farther
+away.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a node to a skin point that covers it; allows for the thickness of clothes, the spacing of
-# skin points and half the thickness of a forearm
+# m, maximum distance from a node to a skin point that covers it; the distance allows for the thickness of clothes, the
+# spacing of skin points and half the thickness of a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # maximum number of nodes that are examined; registration uses as many
 # minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable

@@ -22,7 +22,7 @@ from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_poin
 from anchorpose.rotations import inverse_left_jacobian
 
 HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of how far a knee, elbow or hip bends past its limit
-# minimum number of observations of a part of a limb that counts as seen; a single observation may be an outlier
+# minimum number of observations for a part of a limb to count as seen; a single observation may be an outlier
 LEAST_OBSERVED: Final = 2.0
 MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
 
@@ -32,8 +32,8 @@ Predicted = tuple[Pose, np.ndarray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """The system ``hessian @ change = -gradient`` for a change of parameters: first those of the pose, then of the
-    shape.
+    """The system ``hessian @ change = -gradient`` for a change of parameters: first the pose parameters, then the shape
+    parameters.
     """
 
     hessian: np.ndarray
@@ -73,8 +73,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the bones, as rows of ``MOVING_BONES``, of hidden parts of limbs (a part reaches up to elbow or knee, or
-    lies beyond). A part is hidden if it has fewer than ``LEAST_OBSERVED`` observations.
+    """Return the bones, as rows of ``MOVING_BONES``, of the hidden parts of limbs. A limb has two parts, divided at
+    elbow or knee. A part is hidden if it has fewer than ``LEAST_OBSERVED`` observations.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
@@ -189,8 +189,8 @@ def damped_step(
 ) -> Pose:
     """Return the pose after one Gauss-Newton step.
 
-    Without a prediction (None), rows may pull a limb to another limb's surface, so rows do not prove that a limb is
-    seen. All limbs then have the joint ranges of hidden limbs (``joint_range``).
+    Without a prediction (None), constraint rows may pull a limb to another limb's surface. So the rows of a limb do not
+    prove that it is seen, and all limbs have the joint ranges of hidden limbs (``joint_range``).
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

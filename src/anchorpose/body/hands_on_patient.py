@@ -34,8 +34,8 @@ clinics used for tuning."""
 def find_hands(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return world points (n, 3) float32 on hands that hold the patient and have the patient's label, and the label
-    (n,) uint8 of the person whose hand it is.
+    """Return world points (n, 3) float32 on hands that hold the patient but have the patient's label. Also return the
+    label (n,) uint8 of the person to whom each point's hand belongs.
     """
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for view, camera in zip(views, cameras, strict=True):
@@ -70,8 +70,8 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) over ``STANDS_OFF_M`` outside the nearest skin, or over ``SKIN_REACH_M`` away
-    from all skin.
+    """Return (n,) bool: places (n, 3) that lie more than ``STANDS_OFF_M`` outside the nearest skin, or more than
+    ``SKIN_REACH_M`` away from all skin.
     """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])

@@ -41,8 +41,8 @@ class FirstPose:
     belief: ShapeBelief
     log: float  # nats, log probability of pose and shape, given the images and the prior
     facing: float  # nats, prior log probability that the patient faces this way (``facing_nats``)
-    # poses with the opposite facing. If the shape was known before: a pose with this shape, then a pose with a newly
-    # fitted shape. Otherwise: a single pose, with a shape fitted to it
+    # poses with the opposite facing. If the shape was known before, the first pose has this shape, and the second a
+    # newly fitted shape. Otherwise only one pose is listed, and its shape was fitted with it
     others: tuple[FirstPose, ...] = ()
 
     @property

@@ -17,7 +17,7 @@ from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 # meaningless
 JOINT_SIGMA_M: Final = 0.01
 # maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction. Random
-# errors exceed it in 1 of 400 cases, so if a joint is farther away, its limb counts as misplaced
+# errors exceed this ratio in 1 of 400 cases, so the limb of a joint that exceeds it counts as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose
 _CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
@@ -29,7 +29,7 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
     """
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    # prior by which parameters that the joints do not determine keep their values
+    # this prior holds the parameters that the joints do not determine at their values in ``start``
     nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))
     pose = start
     for _ in range(_STEPS):
@@ -46,7 +46,7 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedJoints:
-    """Joints of one frame that a reviewer placed."""
+    """The joints that a reviewer placed in one frame."""
 
     joint: np.ndarray  # (k,) index into ``JOINT_NAMES``
     position_m: np.ndarray  # (k, 3) m, corrected place of each joint in the world

@@ -31,8 +31,8 @@ class JointRange(NamedTuple):
 
 
 # Standard deviations in degrees of turns about the rest pose's axes X (abduction), Y (twist) and Z (flexion): about
-# half of the passive ranges in the textbooks. These spreads are broad, since they should only decide where depth images
-# do not.
+# half of the passive ranges in the textbooks. These spreads are broad, since they should decide only about turns that
+# depth images leave open.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -54,17 +54,17 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 HIP_EXTENSION: Final = 25.0 * DEGREE
 # minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
-# rad, flexion of a knee below which a pose is less probable. Knees stop at the straight leg; this angle differs between
-# people by a standard deviation of 3 degrees (Roaas and Andersson 1982). The cost, -2 log of the share of people whose
-# knees extend so far, is about a parabola that begins one standard deviation before the straight leg
+# rad, flexion of a knee below which a pose is less probable. Knees stop at the straight leg, with a standard deviation
+# of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2 log of the share of people whose
+# knees extend so far. This cost is about a parabola that begins one standard deviation before the straight leg
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
 limit, since a person may hold a limb to one side for minutes.
 
-Turns about a limb's own axis, abduction and turns of the feet therefore get wider ranges: with the textbooks' ranges,
-hips and toes were displaced in every frame. Flexions have wide ranges already; still wider ranges increased the error
-of seated people's thighs on real depth by 2 degrees (UTD-MHAD)."""
+The doubling widens the ranges of turns about a limb's own axis, of abduction and of turns of the feet: with the
+textbooks' ranges, hips and toes were displaced in every frame. Flexions have wide ranges already; still wider ranges
+increased the error of seated people's thighs on real depth by 2 degrees (UTD-MHAD)."""
 
 
 class LimbTurns(NamedTuple):
@@ -220,8 +220,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     """Return the covariance (k, k) of ``captured_turns`` in people. It is the covariance by motion capture plus an
-    independent variance of each turn, since other people move differently from those captured. The total variance is at
-    least that of the textbooks.
+    independent variance of each turn, since other people move differently from the captured people. The total variance
+    is at least that of the textbooks.
 
     expected (k, k): covariance of the same turns by the textbooks.
     """
@@ -268,8 +268,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
 
 @cache
 def _girdles(asset: BodyAsset) -> tuple[tuple[int, int, int, np.ndarray, float], ...]:
-    """Return, per side, the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's direction at
-    rest, and the sign of a turn that raises the girdle.
+    """Return five values per side: the girdle's row in ``MOVING_BONES``, the girdle's bone, the arm's bone, the arm's
+    direction at rest, and the sign of a turn that raises the girdle.
     """
     found = []
     for side, way in (("Left", 1.0), ("Right", -1.0)):

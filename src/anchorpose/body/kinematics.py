@@ -131,8 +131,8 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each moving bone, its pivot (m, 3), which is the bone's head in the world, and its frame (m, 3, 3),
-    which has the axes of the parent bone, about which the bone turns.
+    """Return the pivot (m, 3) and the frame (m, 3, 3) of each moving bone. The pivot is the bone's head in the world.
+    The frame has the axes of the parent bone, about which the bone turns.
     """
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
     for m in range(len(moving)):
@@ -173,7 +173,7 @@ def joint_derivative(
 
 
 _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot"}
-"""The bone at whose head each missing part would begin."""
+"""For each part that may be missing, the bone at whose head (first end) the part begins."""
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:

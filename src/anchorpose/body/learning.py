@@ -68,8 +68,8 @@ def learn_body(
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
     """Return increasing indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Each pose is as far as possible from the poses chosen before it. Bent limbs show where their joints are, and a pose
-    similar to a chosen pose adds nothing.
+    Poses are chosen one after another, each as different as possible from the poses chosen before. Bent limbs show
+    where their joints are, and a pose similar to a chosen pose adds nothing.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])

@@ -2,9 +2,9 @@
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
-a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it. A person's pixel
-beside the rendered skin shows clothes, and it raises the score as well. Otherwise a taller body, which fills the
-outline of loose clothes, would be more probable than the correct body.
+a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it. Pixels with the
+person's label beside the rendered skin show clothes, and they raise the score as well. Otherwise a taller body, which
+fills the outline of loose clothes, would be more probable than the correct body.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
 
 
 def most_nats(area_m2: float) -> float:
-    """Return by how many nats a surface of this area, seen by one camera, increases the log likelihood ratio if the
-    body's skin lies exactly on the surface.
+    """Return the maximum contribution, in nats, of a surface of this area to the log likelihood ratio. This is its
+    contribution if one camera sees it and the body's skin lies exactly on it.
     """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2

@@ -1,5 +1,5 @@
-"""Propose other poses for a pose in doubt: a limb is laid along seen skin that the body does not cover, or along the
-path over the surface from an anchor to the body's centre, or limbs are exchanged.
+"""Propose other poses for a pose in doubt. A limb is laid along seen skin that the body does not cover, or along the
+path over the surface from an anchor to the body's centre; or limbs are exchanged.
 
 The images determine the proposed limb; the trunk is that of the pose in doubt (``exchanged`` also turns the body
 round). An anchor shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the rail
@@ -40,8 +40,8 @@ SMALLEST_M2: Final = 0.002
 MOST_PIECES: Final = 3
 TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
 SETTLED_M: Final = 0.01  # m; the solver stops if a round moves no joint over this far; registration refines the pose
-# m; a limb may be laid along a path whose tip is up to this far out of the limb's reach, since the trunk may lean and
-# the shoulder may move
+# m, maximum distance by which the tip of a path may be out of a limb's reach for the limb to be laid along the path;
+# the trunk may lean, and the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
 
@@ -226,8 +226,8 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted places of the joints (21, 3): the present places, but NaN for the joints of ``limbs``, which the
-    caller sets.
+    """Return wanted places of the joints (21, 3), to hold all joints but those of ``limbs`` at their present places.
+    Joints of ``limbs`` are NaN; the caller sets them.
     """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
@@ -255,13 +255,14 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
 
 
 CONTRADICTED_M: Final = 0.15  # m; an anchor farther than this from the tip of its limb contradicts the pose
-# m, distance by which an anchor lies nearer to the body's centre than the skin at the tip of its limb
+# m; an anchor lies nearer to the body's centre than the skin at the tip of its limb, by this distance
 INSIDE_TIP_M: Final = 0.03
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
     """Yield geodesic paths to the body's centre, each with the limbs that may lie along it. The paths begin at hand and
-    foot anchors that contradict the pose, and at free ends (limb ends that could not be named as hand or foot).
+    foot anchors that contradict the pose, and at free ends. Free ends are limb ends that could not be named as hand or
+    foot.
 
     A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
     may belong to any limb.

@@ -119,8 +119,8 @@ def search_limbs(
     """Move limbs to where they are seen, while that makes the pose clearly likelier; return the best registration.
 
     predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
-    the expected pose the low weight that it would have after ``UNSEEN_S`` seconds without a view of the patient.
-    anchors: the frame's anchors, None for a first pose.
+    the expected pose a low weight: the weight after ``UNSEEN_S`` seconds without a view of the patient. anchors: the
+    frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -177,7 +177,7 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses, except any so close to an earlier pose of the list that registration would make both equal."""
+    """Return the poses, except poses so close to an earlier pose that registration would make both equal."""
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -190,10 +190,9 @@ def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
 def _register_all(
     expected: Expected, poses: Sequence[Pose], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return the first pose unchanged, then all poses (also the first) after a short registration, with their
-    probabilities.
+    """Return the present pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The first pose is the present one. This pose is also registered, so that it does not lose to the pose of a turned
+    The present pose is the first of ``poses``. It is registered, too, so that it does not lose to the pose of a turned
     body only because its limbs lag behind the images.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
@@ -207,7 +206,9 @@ def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, 
 def _best_few(
     expected: Expected, tried: Sequence[Tried], uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> list[Tried]:
-    """Return, sorted from the best: the first pose unchanged, and the best other poses after a finer registration."""
+    """Return, from likeliest to least likely: the pose ``tried[0]`` unchanged, and the best other poses after a finer
+    registration.
+    """
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)

@@ -1,7 +1,7 @@
 """Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
 The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
-place on the skin itself, so a single frame has matches all over the body, and no initial pose is needed.
+place on the skin itself. So a single frame has matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and t
 # number of matches that count as one observation, since all matches of a body part have similar errors
 MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance (m) between the two places of a match, on the skin and in the image, at which its weight has fallen to a
-quarter, one value per solver step. It decreases from a limb's length to a limb's width.
+"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. It is the distance
+between the match's place on the skin and its place in the image. It decreases from a limb's length to a limb's width.
 """
 
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
 STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
-# number of times that the body is scaled; the median errors of the stature after the three scalings are 4, 3 and 2 %
+# number of times that the body is scaled; the stature's median error is 4, 3 and 2 % after the first to third scaling
 _SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of solver steps from a start that was already fitted to the matches
-# m, scale of a row, so large that the robust kernel of ``Constraints`` has no effect; instead, the row's sigma grows
-# with the distance of its skin point from the target
+# m, scale of a row. It is so large that the robust kernel of ``Constraints`` has no effect; instead, the row's sigma
+# grows with the distance of its skin point from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
@@ -156,8 +156,8 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match with the match's robust weight (Geman and McClure): the farther the skin is off, the
-    lower.
+    """Return three rows per match with the match's robust weight (Geman and McClure): the farther the skin point is
+    from the target, the lower the weight.
     """
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)

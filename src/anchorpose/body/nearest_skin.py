@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# maximum number of voxels, for 8 MB of memory; if nodes extend beyond a room, voxels are made larger to keep this
-# number
+# maximum number of voxels; so many take 8 MB of memory. If nodes extend beyond a room, voxels are made larger to stay
+# below this number
 MAX_VOXELS: Final = 1_000_000
 
 

@@ -58,7 +58,7 @@ class Pose:
         return Pose(rotations, self.root_m + change[-3:])
 
     def change_to(self, after: Pose, moving: np.ndarray) -> np.ndarray:
-        """Return the change (POSE_SIZE,) to another pose, such that ``self.moved(change, moving)`` is ``after``."""
+        """Return the change (POSE_SIZE,) with which ``self.moved(change, moving)`` gives the pose ``after``."""
         turned = after.rotations[moving] @ self.rotations[moving].transpose(0, 2, 1)
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
@@ -118,8 +118,8 @@ LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
 _BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
-"""Segment (m,) of each moving bone: half of a limb or of the trunk. Its number is twice the limb's number, plus one
-beyond elbow or knee, and for chest, neck and head."""
+"""Segment (m,) of each moving bone: half of a limb or of the trunk. A segment's number is twice the number of its limb.
+One is added beyond elbow or knee, and for chest, neck and head."""
 SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )

@@ -2,8 +2,8 @@
 
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
 point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by
-skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton, and last
-converted to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
+skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton. The last
+step converts the sums to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def _by_bones(
     """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
     (moving bones that carry a point), and torque and force (m, 6) on each carrier.
 
-    Each pair of carriers is first stored once; then ``_mirror`` adds the other half of the moments.
+    The kernel stores each pair of carriers only once; then ``_mirror`` adds the other half of the moments.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]

@@ -1,7 +1,7 @@
 """Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
 
-Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. The descriptor is
-needed because a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
+Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. Depth readings alone
+are not enough: a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
 correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor's predictions on a large patch of
 skin count as only one observation, and depth readings can overrule the descriptor.
 """
@@ -28,8 +28,8 @@ from anchorpose.isolation.view import View
 SPACING_M: Final = 0.028  # m, spacing of skin points
 # m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a patch of skin whose predicted places share one error: the integral, over the distance of two places, of
-# the correlation between the errors of both
+# m, side of a patch of skin whose predicted places share one error. It is the integral, over the distance between two
+# places, of the correlation between their errors
 NAMED_ALIKE_M: Final = 0.25
 # share of predicted places with an error above three standard deviations, in simulated and real images (UTD-MHAD)
 WRONGLY_NAMED: Final = 0.03
@@ -37,7 +37,7 @@ FROM_BEFORE: Final = 20.0
 """Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind.
 
 docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
-The value is not measured; it decides only where the images do not."""
+The value is not measured; it matters only if the images leave the facing open."""
 
 # an adult's skin area, in units of the squared stature: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 SKIN_AREA: Final = 0.6
@@ -100,7 +100,7 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
     said = described(view.depth_m, camera)
     place, error = said.place[row[shown], column[shown]], said.error[row[shown], column[shown]]
     named = np.isfinite(error)
-    # variance of the predicted place along each of two axes in the plane of the skin, if its mean error is ``error``
+    # variance of a predicted place along each of two axes in the plane of the skin; ``error`` is the place's mean error
     point, variance = skin.point[shown][named], 2.0 / np.pi * error[named].astype(np.float64) ** 2
     away2 = ((place[named] - places(points)[point]) ** 2).sum(axis=1)
     right = SKIN_AREA / (2.0 * np.pi * variance) * np.exp(-0.5 * away2 / variance)

@@ -65,8 +65,8 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """Yield poses with a limb laid along the geodesic path from an anchor that contradicts the pose, or from an end of
-    the surface (paper, Definition 2) that was not named as an anchor.
+    """Yield poses with a limb laid along a geodesic path. The path begins at an anchor that contradicts the pose, or at
+    an end of the surface (paper, Definition 2) that was not named as an anchor.
     """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
@@ -74,8 +74,8 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
     """Yield the pose of the whole body by the learnt descriptor, then the pose with the opposite facing, since a wrong
-    facing is the descriptor's most frequent mistake. For a first pose in doubt nothing is yielded, since this pose was
-    found by the descriptor.
+    facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield nothing: the
+    descriptor found this pose.
     """
     if doubted.anchors is None:
         return

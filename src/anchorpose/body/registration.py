@@ -19,8 +19,7 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-# minimum share of the surface's nodes that lie near the body; with a smaller share, the surface belongs to another
-# person
+# minimum share of the surface's nodes that must lie near the body; if fewer do, the surface belongs to another person
 LEAST_EXPLAINED: Final = 0.3
 
 

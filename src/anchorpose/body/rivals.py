@@ -24,16 +24,16 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses count as the same if no joint differs by more than this; clothes and gripping hands shift estimates by as
-# much
+# m; two poses count as the same if no joint differs by more than this. Clothes and gripping hands shift estimated
+# joints by as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
-errors of shape and clothes. This is the value for one part (limb or trunk) whose place differs; for several, it is
-multiplied by their number.
+errors of shape and clothes. The value holds if the place of one part (limb or trunk) differs; if several parts differ,
+it is multiplied by their number.
 
-In two scenes in which only head and arms were visible, the lead of the correct pose over the pose with the opposite
-facing was 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
+In two scenes, only head and arms were visible. The lead of the correct pose over the pose with the opposite facing was
+3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
 """The same standard deviation, in nats, if each pose has a body that was fitted to it. For all five parts it was 30
 nats, measured in 18 windows of 9 hard scenes."""
@@ -46,8 +46,8 @@ OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
 # likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival behind the best pose by more than this is dropped, a rival ahead by more than this
-# becomes the best pose
+# nats (a factor of e^6); a rival less likely than the best pose by more than this is dropped; a rival likelier by more
+# than this becomes the best pose
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 

@@ -25,13 +25,13 @@ the measured lengths are acromion-radiale, radiale-stylion, trochanterion to lat
 to lateral malleolus."""
 
 END_SIGMA: Final = {"hand": 0.039, "foot": 0.034, "head": 0.035}
-"""Standard deviation of the logarithm of hand, foot and head size. They are scaled as a whole, about the wrist, ankle
-or head joint.
+"""Standard deviation of the logarithm of hand, foot and head size. Hands, feet and heads are scaled as a whole, about
+the wrist, ankle or head joint.
 """
 
 GIRTH_SIGMA: Final = {"upper_arm": 0.06, "forearm": 0.06, "thigh": 0.09, "shank": 0.09}
 """Standard deviation of the logarithm of each segment's girth. The healthy people of ANSUR II have 0.035 to 0.050 at
-one height and weight. The values here are larger, since paralysed legs lose a third to a half of their muscle
+one height and weight. The values in this table are larger, since paralysed legs lose a third to a half of their muscle
 (Giangregorio and McCartney 2006, doi:10.1080/10790268.2006.11753898)."""
 
 _BONES: Final = {
@@ -51,9 +51,9 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Per direction: the spans that it lengthens by the same share, each from the head of one bone to that of another; and
-the standard deviation of the logarithm of their length, known from sitting height, biacromial and bicristal breadth in
-ANSUR II.
+"""Per direction: the spans that it lengthens by the same share, and the standard deviation of the logarithm of their
+length. A span extends from the head of one bone to the head of another. The standard deviations are known from sitting
+height, biacromial and bicristal breadth in ANSUR II.
 """
 
 
@@ -149,9 +149,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): per bone, the factors of x, y and z and a constant. For a point of the bone at (x, y, z) in the
-    rest pose, the sum of the three products and the constant is the share of the span's growth by which the point
-    moves.
+    """Return (b, 4): three factors and a constant per bone. For a point of the bone at (x, y, z) in the rest pose,
+    ``factors . (x, y, z) + constant`` is the share of the span's growth by which the point moves.
 
     Points of the span move in proportion to their distance along the span from its start; everything beyond the span
     moves as a whole.
@@ -175,8 +174,8 @@ def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
 
 
 def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) -> Direction:
-    """Return the direction (change of shape) that moves each point of a segment's skin away from the segment's axis by
-    the share ``sigma`` of its distance from the axis; bones do not move.
+    """Return the direction (change of shape) that makes a segment thicker: each point of its skin moves away from the
+    segment's axis by the share ``sigma`` of its distance from the axis; bones do not move.
     """
     first, last = asset.bone(start), asset.bone(end)
     axis = asset.bone_heads[last] - asset.bone_heads[first]
@@ -193,7 +192,7 @@ def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
 
 def _bulging(asset: BodyAsset, name: str, bulge: _Bulge) -> Direction:
     """Return the direction (change of shape) that moves trunk skin near the bulge's height outwards along the bulge's
-    axis, in proportion to the skin's distance from the trunk's middle along this axis.
+    axis. The movement is proportional to the skin's distance from the trunk's middle along this axis.
     """
     share = share_of_bones(asset, TRUNK)
     facing = asset.vertices[:, bulge.axis] - np.median(asset.bone_heads[[asset.bone(b) for b in TRUNK]][:, bulge.axis])

@@ -19,14 +19,14 @@ from anchorpose.body.standing_off import patches_of
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
 # m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
-# Learnt offsets in real recordings were larger, but with 10 mm joints were farther from the labels of MSR Action3D.
+# Learnt offsets in real recordings were larger, but a value of 10 mm moved joints away from the labels of MSR Action3D.
 PATCH_SIGMA_M: Final = 0.0035
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, which is the prior of a segment: 1 in 20 segments deviates by over 2.8
 # sigma
 TAILS: Final = 4.0
 COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers it
-# number of repeated fits to a height; they are repeated since another vertex may become the highest or lowest
+# number of fits to a height; the fit is repeated, since another vertex may have become the highest or lowest
 _HEIGHT_STEPS: Final = 3
 
 _ALIKE_LENGTHS: Final = np.array(
@@ -41,9 +41,9 @@ _ALIKE_GIRTHS: Final = np.array(
 paralysis wastes a leg as a whole."""
 
 _ALIKE_SIDES: Final = {"length": 0.90, "girth": 0.80, "size": 0.95}
-"""Correlations between a left segment and the right one. They imply that among the most asymmetric 5 % of people, the
-median difference between left and right lengths is 2 %. (Legs differ by 5 mm on average, by 20 mm in one person in a
-thousand, and by more with contractures: Knutson 2005, doi:10.1186/1746-1340-13-11.)"""
+"""Correlations between a left segment and the right one. With these values, the median difference between left and
+right lengths is 2 % among the most asymmetric 5 % of people. (Legs differ by 5 mm on average, by 20 mm in one person in
+a thousand, and by more with contractures: Knutson 2005, doi:10.1186/1746-1340-13-11.)"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,8 @@ class ShapeBelief:
     free: FreeShape
     mean: np.ndarray  # (s,) mean of the prior
     prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
-    # (s,) bool, parameters whose prior is Student's t: a very unusual segment costs little more than an unusual one
+    # (s,) bool, parameters with Student's t as prior: a very unusual value is little less probable than an unusual
+    # value
     soft: np.ndarray
     seen: np.ndarray  # (s, s) information (inverse covariance) of the observations
     pull: np.ndarray  # (s,) matrix ``seen`` times the shape that fits the observations best
@@ -107,9 +108,9 @@ class ShapeBelief:
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
     def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
-        """Return the belief with the same shape and a covariance that also covers other shapes. shares (n,): the
-        probability of each other shape. The covariance may exceed the prior's, so this belief is not to be refined by
-        more frames.
+        """Return the belief with the same shape and a covariance enlarged to include other possible shapes. shares
+        (n,): the probability of each other shape. The covariance may exceed the prior's, so this belief must not be
+        refined with more frames.
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at

@@ -29,8 +29,8 @@ class FreeShape(NamedTuple):
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for s parameters: those of the pose, then the fitted parameters of
-    the shape. residual_m, weight (n,): r and the diagonal of W, one value per row.
+    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for s parameters: the parameters of the pose, then the fitted
+    parameters of the shape. residual_m, weight (n,): r and the diagonal of W, one value per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)

@@ -21,7 +21,7 @@ from anchorpose.body.kinematics import (
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
-# number of skin points; on an adult, skin points are about 28 mm apart, half of the narrowest limb's width
+# number of skin points; it places them about 28 mm apart on an adult, which is half of the narrowest limb's width
 POINT_COUNT: Final = 2400
 CLOTHES: Final = {
     "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
@@ -146,7 +146,7 @@ def _outer_vertices(asset: BodyAsset) -> np.ndarray:
 def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
     candidates = _outer_vertices(asset)
     points = asset.vertices[candidates]
-    x, y, z = np.ascontiguousarray(points.T)  # by axis, which takes a tenth of the time of whole points
+    x, y, z = np.ascontiguousarray(points.T)  # one array per axis takes a tenth of the time
     chosen = np.zeros(count, dtype=np.int64)
     distance = np.full(len(points), np.inf)
     chosen[0] = y.argmax()

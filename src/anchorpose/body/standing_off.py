@@ -1,8 +1,8 @@
 """Find body segments that do not look human: the seen surface stands off (lies away from) the learnt body, or the limb
 is too thick.
 
-Under an orthosis, a cast, a bandage or a skirt the body model does not fit, however well it was learnt. So the bone
-lengths and joints of a segment that does not look human get a larger sigma.
+The body model does not fit a segment under an orthosis, a cast, a bandage or a skirt, however well it was learnt. So
+the bone lengths and joints of a segment that does not look human get a larger sigma.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ LEAST_M: Final = 0.015
 # standard deviations of girth; a limb that exceeds the other side's limb by more than this is too thick. Without braces
 # the difference between sides was at most 0.9, with a brace 2.9 to 6.7
 TOO_THICK: Final = 2.0
-# standard deviations of girth above the mean, up to which the other side's girth is taken as the expected girth
+# standard deviations of girth above the mean; the expected girth is that of the other side's limb, but at most this
 ORDINARY: Final = 0.5
-JOINT_SHARE: Final = 0.5  # sigma of a segment's joints along each axis, per metre by which its skin stands off
-BONE_SHARE: Final = 0.5  # sigma of the length of a segment's bone, per metre by which the segment's skin stands off
+JOINT_SHARE: Final = 0.5  # sigma (m) of a segment's joints along each axis, per metre by which its skin stands off
+BONE_SHARE: Final = 0.5  # sigma (m) of the length of a segment's bone, per metre by which its skin stands off
 
 _LIMBS: Final = {
     "upper_arm": ("Arm", ("Shoulder", "Elbow")),
@@ -35,7 +35,7 @@ _LIMBS: Final = {
     "thigh": ("UpLeg", ("Hip", "Knee")),
     "shank": ("Leg", ("Knee", "Ankle", "Foot")),
 }
-"""The bone of each segment, and the joints that move with it: those at its ends, and a hand or foot beyond."""
+"""The bone of each segment, and the joints that move with it: the joints at its ends, and a hand or foot beyond."""
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:

@@ -72,9 +72,9 @@ def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config:
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE), where J is the rows' Jacobian, S the diagonal matrix of
-    ``strength`` (each row's weight times its noise), and N is 1 for two rows of one patch, else 0. Rows with a negative
-    patch number share their error with no other row.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE). J is the rows' Jacobian, S the diagonal matrix of ``strength``
+    (each row's weight times its noise). N is 1 for two rows of one patch, else 0. Rows with a negative patch number
+    share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -88,10 +88,10 @@ def _felt(
 
 
 def finest_patch_m(evidence: Evidence) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error, for the camera with the
-    smallest patches; 0 if no camera shows the patient.
+    """Return the side, in metres at the patient, of a patch of pixels that share one error. The camera with the
+    smallest patches counts. The result is 0 if no camera shows the patient.
 
-    A sensor's matching windows and smoothing shift the edges of a limb by a part of this length.
+    The matching windows and the smoothing of a sensor displace the edges of a limb by a fraction of this length.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -104,8 +104,8 @@ def finest_patch_m(evidence: Evidence) -> float:
 # m2; limbs become less certain if the body leaves at least this area of seen skin uncovered; clothes and gripping hands
 # alone leave about as much
 WORTH_M2: Final = 0.004
-# m; a joint may lie at the tip of an uncovered piece of skin only if the tip is nearer than this to the joint's
-# estimated place: the length of a shank, or of a forearm with its hand
+# m, the length of a shank, or of a forearm with its hand. A joint may lie at the tip of an uncovered piece of skin only
+# if the tip is nearer than this to the joint's estimated place
 IN_REACH_M: Final = 0.45
 # a limb points at a camera if the cosine of the angle between limb and ray is over this value
 END_ON: Final = float(np.cos(np.radians(35.0)))
@@ -113,7 +113,7 @@ END_ON: Final = float(np.cos(np.radians(35.0)))
 # hand; tuned on one recording of a reaching arm
 MORE_ALIKE: Final = 2.0
 HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of the limb's skin is hidden
-BROADER_M: Final = 0.13  # m, difference between breadth and depth of a chest (0.35 m and 0.22 m)
+BROADER_M: Final = 0.13  # m, breadth of a chest (0.35 m) minus its depth (0.22 m)
 
 _HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
 
@@ -132,10 +132,10 @@ _SYSTEMATIC_MM: Final = {
     "Ankle": 3.8,
     "Foot": 8.0,
 }
-"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. The values were chosen so
-that the share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes
-for tuning (suite ``hard`` of ``benchmarks/run.py``), in which equipment hides parts of the trunk and people press on
-the clothes."""
+"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. With the chosen values, the
+share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes for tuning
+(suite ``hard`` of ``benchmarks/run.py``). In hard scenes, equipment hides parts of the trunk, and people press on the
+clothes."""
 
 
 @cache
@@ -197,11 +197,11 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then determines the skin's place only to within the width of an edge, and all nodes in a square of this width
-    count as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The
-    direction that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an
-    error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from
-    the axis.
+    A node then gives the skin's place only to within the width of an edge. So all nodes in a square of this width count
+    as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction
+    that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an error of
+    edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from the
+    axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -250,7 +250,8 @@ def frame_alone_sigma(
         rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
     known = vague_belief(pose, unseen_s).information
     spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # take the largest variance along any direction: a hidden knee has its error forward, a pointing arm in depth
+    # take the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in
+    # depth
     variance = np.linalg.eigvalsh(spread)[:, -1]
     alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
     sigma[mine] = np.maximum(sigma[mine], alone[mine])
@@ -284,8 +285,8 @@ def shape_sigma(
 
 
 def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether a limb points at a camera, nothing hides it from this camera, and no camera sees its part beyond
-    elbow or knee from the side.
+    """Return whether all of this holds: a limb points at a camera, nothing hides it from this camera, and no camera
+    sees its part beyond elbow or knee from the side.
 
     The camera at which the limb points need not see the part beyond elbow or knee, since its estimated place may be too
     far off.
@@ -331,9 +332,9 @@ def unexplained_sigma(
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
     Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
-    may lie at the piece's tip instead of its present place. The log odds for this are the log likelihood that the limb
-    would gain on the piece, minus the log likelihood that it would lose at its present place. An elbow or knee may lie
-    at the tip, too; then the log likelihood of the whole limb would be lost.
+    may lie at the piece's tip instead of its present place. The log odds for this place are the log likelihood that the
+    limb would gain on the piece, minus the log likelihood that the limb would lose at its present place. An elbow or
+    knee may lie at the tip, too; then the log likelihood of the whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -353,8 +354,8 @@ def unexplained_sigma(
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
     """Return the lost hands and feet (joint indices). A hand or foot is lost if a camera sees past its place in this
-    frame, or did so in an earlier frame after which no camera has seen it. before: the lost hands and feet of the frame
-    before.
+    frame. It is also lost if a camera saw past it in an earlier frame and no camera has seen it since then. before: the
+    lost hands and feet of the frame before.
     """
     return frozenset(
         end
@@ -366,12 +367,13 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``) and for the
-    wrists and ankles next to lost hands and feet.
+    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``), and for
+    their wrists and ankles.
 
     If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
-    lost hand does not count as observed, and half of its distance from the elbow is assumed as an additional error. The
-    lost hand gets this error too, since its place follows from the wrist's. The same holds for ankle and foot.
+    lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as an additional
+    error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The same holds for
+    ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:

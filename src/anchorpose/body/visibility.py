@@ -74,8 +74,8 @@ def projection_of(camera: Camera) -> Projection:
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, for each joint, the skin points by which its visibility is decided: those that lie around the joint at
-    rest, on the body parts that meet at the joint.
+    """Return, for each joint, the skin points that decide its visibility. These points lie around the joint at rest, on
+    the body parts that meet at the joint.
     """
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
@@ -250,14 +250,14 @@ class PoorDepth:
 
     camera: str
     kind: PoorKind
-    # m, width of an edge or height of a step at the patient; for holes, the share, 0 to 1, of the patient's
+    # m, width of an edge or height of a step at the patient's distance; for holes, the share, 0 to 1, of the patient's
     # camera-facing skin without a usable reading
     amount: float
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the existing readings resolve limbs. They do if holes are the only defect: then only joints at
-        holes become hidden.
+        """Return whether the existing readings resolve limbs. They resolve limbs if holes are the only defect; only
+        joints at holes then become hidden.
         """
         return self.kind is PoorKind.HOLES
 

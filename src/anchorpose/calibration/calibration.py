@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """A number on the accuracy of a camera's pose; what: name of this number, for users."""
+    """A number that describes the accuracy of a camera's pose; what: name of this number, for users."""
 
     what: str
     value: float
@@ -64,7 +64,7 @@ class FloorResidual:
 
 
 class DoubtSource(StrEnum):
-    """What made a camera's pose doubtful."""
+    """The source of a doubt about a camera's pose."""
 
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
@@ -75,8 +75,8 @@ class DoubtSource(StrEnum):
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
     """A doubt about camera poses, stated in one sentence. off_m: distance by which wrong poses displace the surfaces
-    that the cameras see, NaN where unknown; refuted: True if the contradiction is larger than noise and errors of a
-    tape measure can cause; tracking is then refused.
+    that the cameras see, NaN where unknown. refuted: True if noise and errors of a tape measure cannot cause so large a
+    contradiction; tracking is then refused.
     """
 
     source: DoubtSource

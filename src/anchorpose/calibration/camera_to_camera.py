@@ -2,9 +2,9 @@
 
 The floor that a camera sees gives the camera's tilt and height. The rotation about the vertical and the shift over the
 floor come from the people that two cameras see: first from people's places over time (``search_ground``), then from
-people's surfaces at the same moments (``common_view``). Walls and floor are not fitted: a shift along a wall cannot be
-seen, and with walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the systematic
-error of a time-of-flight camera bends large distant planes.
+people's surfaces at the same moments (``common_view``). Walls and floor are not fitted, since a shift along a wall
+cannot be seen. With walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the
+systematic error of a time-of-flight camera bends large distant planes.
 """
 
 from __future__ import annotations
@@ -26,22 +26,23 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-# s, minimum duration of a recording; in a shorter one, people walk too little: one of 4 s gave a wrong placement
+# s, minimum duration of a recording. People walk too little in a shorter recording; a recording of 4 s gave a wrong
+# placement
 LEAST_SPAN_S: Final = 8.0
-PLACES: Final = 8  # number of search results that are refined; the correct one was always among the best three
+PLACES: Final = 8  # number of search results that are refined; the correct result was always among the best three
 # maximum share of one camera's points on people that may lie where the other camera sees no people; correct placements
 # had 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
-# minimum share of one camera's points on people that must lie inside the other camera's image; with less, nothing
-# contradicts a wrong placement
+# minimum share of one camera's points on people that must lie inside the other camera's image; with a smaller share,
+# nothing would contradict a wrong placement
 LEAST_COMMON: Final = 0.3
 # m, maximum residual of fitted surfaces; correct placements had 2 or 3 mm, a body's front fitted to a back had 11 mm
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation between two cameras: 0.3 degrees
-# factors by which the limits of the residual and of the sigmas are multiplied while the clocks are known only to 50 ms
+# factors on the limits of the residual and of the sigmas, used while the clocks are known only to 50 ms
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
-DISTINCT_M: Final = 0.05  # m; if an accepted placement is farther from the best one, the choice is ambiguous
+DISTINCT_M: Final = 0.05  # m; if another accepted placement is farther from the best, the choice is ambiguous
 
 CELL_M: Final = 0.1
 MAPPED_MOMENTS: Final = 12  # number of moments for which maps of the ground are made; more moments do not help
@@ -101,9 +102,9 @@ def find_camera_to_camera(
 ) -> CameraToCamera | NoCameraToCamera:
     """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
 
-    floors: one per camera. A camera whose view shares too little with the first camera's is placed relative to another
-    placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted, since the
-    poses found serve only to compare the clocks.
+    floors: one per camera. A camera whose view overlaps too little with that of the first camera is placed relative to
+    another placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted,
+    since the poses found serve only to compare the clocks.
     """
     planes = [floor for floor in floors if isinstance(floor, FloorPlane)]
     if len(planes) < len(floors):
@@ -201,8 +202,7 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
     spectra = rfft2(maps, s=(size, size))
-    # the last map is the room's; its weight is half of the weight of all maps of people together, so that people count
-    # more
+    # the last map shows the room; it has half of the weight of all maps of people together, so that people count more
     weight = np.array([1.0 / max(1, len(maps) - 1)] * (len(maps) - 1) + [0.5])
     found: list[tuple[float, float, float, float]] = []
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:

@@ -1,10 +1,10 @@
 """Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
 
-Cameras see different sides of a body, so a movement looks larger in one camera than in another, but all cameras see it
-at the same time. The signal of motion is the change of depth, summed separately in each band of height above the floor.
-This signal needs neither poses, nor a background, nor a detection of people. But lags from signals are off by 10 to 60
-ms, because cameras on different sides see different parts of a movement. Lags from surfaces are precise, but without
-signals every possible lag would have to be tried on full depth frames.
+Cameras see different sides of a body, so a movement looks larger in one camera than in another. But all cameras see the
+movement at the same time. The signal of motion is the change of depth, summed separately in each band of height above
+the floor. This signal needs neither poses, nor a background, nor a detection of people. But lags from signals are off
+by 10 to 60 ms, because cameras on different sides see different parts of a movement. Lags from surfaces are precise,
+but without signals every possible lag would have to be tried on full depth frames.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from anchorpose.recording.depth_image import RecordedFrames
 
 # m, edges of the height bands; the floor is below them, and nobody reaches above them
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m; a larger change of depth from a frame to the next but one means that another surface appeared: it is cut to this
+# m; a larger change of depth between a frame and the next but one counts as this much, as it shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
-# minimum overlap as a share of the shorter signal; with less, wrong lags correlate by chance as well as the correct lag
+# minimum overlap, as a share of the shorter signal; with less, wrong lags may by chance correlate as well as the
+# correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
 LEAST_PEAK: Final = 0.4
-CERTAIN_LEAD: Final = 2.0  # a lag whose peak is this many times the second-highest needs no check by surfaces
+CERTAIN_LEAD: Final = 2.0  # minimum ratio of the highest to the second peak for a lag to need no check by surfaces
 PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if no peak is certain
 
 
@@ -155,18 +156,18 @@ MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
 WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras
-REACH_S: Final = 0.12  # s, maximum error of a lag from signals; the largest error found was half of this
+REACH_S: Final = 0.12  # s, maximum error of a lag from signals: twice the largest error that was found
 # s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
 SYSTEMATIC_S: Final = 0.001
 LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the lag from signals is certain
-LEAST_FRAMES: Final = 8  # minimum number of frames in a window, as many as a camera takes at 4 Hz
+LEAST_FRAMES: Final = 8  # minimum number of frames in a window: the frames of a camera at 4 Hz in ``WINDOW_S``
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
 PLACES: Final = 4  # number of moments compared per part of the recording in ``busiest_times``
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # s, time between the two frames whose difference is the amount of movement
-# m; a change of depth below the first value is ignored as noise; one above the second counts as the second, since it
-# shows another surface
+# m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
+# value, since it shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
@@ -272,8 +273,8 @@ def rough_lags(
     frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
-    decide among its best lags. If a certain lag contradicts the time stamps, surfaces decide between lag and time
-    stamps.
+    decide among the camera's best lags. If a certain lag contradicts the time stamps, surfaces decide between this lag
+    and the time stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -318,8 +319,8 @@ def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the lags around which to search, each with its largest error: one lag for clocks that share an epoch,
-    unless their times hardly overlap, and one for recorders that were started together.
+    """Return the lags around which to search, each with its largest error. One lag is for clocks that share an epoch,
+    unless their times hardly overlap; another lag is for recorders that were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -371,7 +372,7 @@ def _best_by_surfaces(
 
 def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
     """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
-    relative to the pair's rough lag: if times count from 1970, the full lag may be so large that it would lose digits.
+    relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be lost.
     """
     lags = []
     for at_s in times_s:

@@ -1,9 +1,9 @@
 """Measure the lag between two posed cameras from the surfaces that both see.
 
 A point that camera A saw at time t is projected into camera B at time t + lag. B's reading at this pixel, interpolated
-in time, differs from the depth of the point in B by the error of the lag times the rate at which the depth changes.
-Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses, sensors or
-clothes do not bias the lag, because the mean residual of each patch of the depth image is subtracted first.
+in time, differs from the point's depth in B. The difference is the error of the lag times the rate of change of the
+depth. Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses,
+sensors or clothes do not bias the lag, because the mean residual of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
 SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
-OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels, which do not show a limb
-# number of frames from which a pixel's noise is computed, by a median; this gives the noise to a quarter of its value
+OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels; they do not show a limb
+# number of frames from which a pixel's noise is computed, by a median; the noise then has an error of a quarter
 NOISE_FRAMES: Final = 16
 SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
 
 # pixels, spacing of the grid of points, since errors of neighbouring pixels are correlated; a body has 1700 points
 STEP_PX: Final = 3
-MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; a smaller change does not determine the lag
+MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
 MOVED_GATE: Final = 6.0  # minimum change of a pixel's depth in sigmas; noise alone causes 3 sigmas in eight frames
-# m, maximum difference of two depths on one surface; with more, another surface is seen, such as a hand before a trunk
+# m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge causes more
+ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge exceeds it
 LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; with less, readings are imprecise
 PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
 CHUNK_S: Final = 0.25  # s, duration of a chunk of time; the errors of residuals in one chunk are correlated
@@ -91,9 +91,9 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
     """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
 
-    Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise, by robust least
-    squares, the residuals of both clips' points, where each point is compared with the other clip. The standard error
-    takes into account that errors within ``CHUNK_S`` are correlated.
+    Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise the residuals of
+    both clips' points by robust least squares; each point is compared with the other clip. The standard error accounts
+    for correlated errors within ``CHUNK_S``.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -204,8 +204,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     from the inner two.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
-    depths by the rate from the outer two: the rate from the inner two shares the noise of the interpolated depth, which
-    would pull the lag towards the middle between two frames.
+    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth, so
+    it would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s

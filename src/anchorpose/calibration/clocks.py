@@ -1,8 +1,8 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-First, the amount of movement at each height (``clock_lags``) gives the lags, which may be several seconds, with an
-error of about a twentieth of a second; this step needs no poses. If the poses are known, the surfaces that two cameras
-both see (``clock_surfaces``) then give the lag to a millisecond.
+First, the amount of movement at each height (``clock_lags``) gives the lags, which may be several seconds. These lags
+have an error of about a twentieth of a second; this step needs no poses. If the poses are known, the surfaces that two
+cameras both see (``clock_surfaces``) then give the lag to a millisecond.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ from anchorpose.recording.depth_image import RecordedFrames
 from anchorpose.recording.recording import Clock, Recording, align_clocks
 from anchorpose.settings import settings
 
-ROUNDS: Final = 20  # maximum number of wrong lags that are removed from the fit, one per round; no recording had more
+ROUNDS: Final = 20  # maximum number of wrong lags removed from the fit, one per round; no recording had more wrong lags
 OUTLIER_GATE: Final = 5.0  # standard deviations; a lag that deviates more from the fitted clocks is removed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockFit:
-    """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's at the time at_s,
-    and its drift, NaN if no lag links the camera to the first; covariance (cameras, 2, 2) of these two values; used:
-    the lags that were not removed; residual_s: root mean square of the residuals of these lags.
+    """The fitted clocks. ahead_s, drift (cameras,): how far each clock is ahead of the first camera's clock at the time
+    at_s, and the clock's drift; NaN if no lag links the camera to the first camera; covariance (cameras, 2, 2) of these
+    two values; used: the lags that were not removed; residual_s: root mean square of the residuals of these lags.
     """
 
     at_s: float
@@ -116,19 +116,20 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
-SPREAD: Final = 3  # every third window is compared first, so that the first windows already span the recording
-# number of windows compared first; their lags show whether the time stamps are correct to a tenth of a second
+SPREAD: Final = 3  # step between the windows that are compared first, so that these windows already span the recording
+# number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
+# second
 CONFIRMING: Final = 4
-# minimum share of the compared windows that must give a lag, and of the lags that must agree with the fitted clocks
+# minimum of two shares: compared windows that give a lag, and lags that agree with the fitted clocks
 AGREEING: Final = 0.75
 APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording: half of the largest time between paired frames at
-# 30 Hz
+# s, maximum accepted sigma of a clock at both ends of the recording. At 30 Hz, this is half of the largest time between
+# paired frames
 WORST_SIGMA_S: Final = 0.008
-# number of frames whose median replaces a missing image of the empty room, since the median shows few people
+# number of frames whose median replaces a missing image of the empty room; the median shows few people
 FLOOR_FRAMES: Final = 9
 
 
@@ -193,7 +194,7 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock; it must be given with its recorded time stamps.
+    """Return ``recording`` with all times on the first camera's clock. The argument must have the recorded time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
     function before and again after poses are found. A clock that cannot be estimated stays unchanged.
@@ -250,7 +251,7 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
         lags = fine_lags(frames, rough, first_s)
     if not _is_confirmed(
         lags, count, len(first_s)
-    ):  # not confirmed: the time stamps are from different clocks, or too little moves in common view
+    ):  # the lag is not confirmed: the time stamps are from different clocks, or too little moves in common view
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)
         # a repeated movement also correlates at wrong lags; surfaces then agree only at the correct lag
@@ -277,8 +278,8 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
 
 
 def _agreeing(lags: Sequence[PairLag], count: int) -> int:
-    """Return how many lags agree with clocks that are fitted to them; 0 if the lags scatter, leave a camera without a
-    clock, or lie near the end of the range in which they were searched.
+    """Return how many lags agree with the clocks fitted to all lags. Return 0 if the lags scatter, leave a camera
+    without a clock, or lie near the end of the range in which they were searched.
     """
     fit = fit_clocks(lags, count) if lags else None
     near = fit is not None and _agree(fit, lags) and bool((np.abs(fit.ahead_s) < REACH_S / 2).all())
@@ -324,8 +325,8 @@ def _reference(cameras: Sequence[Camera]) -> CameraClock:
 def _camera_clock(
     index: int, name: str, rough: RoughLag | None, fit: ClockFit | None, span_s: tuple[float, float]
 ) -> CameraClock:
-    """Return the fitted clock if it is accurate, else the clock shifted by the rough lag if that is certain, else the
-    recorded clock.
+    """Return the fitted clock if it is accurate. Otherwise return the clock shifted by the rough lag, if this lag is
+    certain, else the recorded clock.
     """
     lags = sum(index in (lag.first, lag.second) for lag in fit.used) if fit is not None else 0
     if fit is not None and rough is not None and np.isfinite(fit.ahead_s[index]):

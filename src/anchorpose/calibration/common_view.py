@@ -1,12 +1,12 @@
-"""Compare the people that two cameras see at the same moments, to find the pose between the cameras, or how far apart
-they show the same surfaces.
+"""Compare the people that two cameras see at the same moments. The result is the pose between the cameras, or how far
+apart both cameras show the same surface.
 
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
 
 To find how far apart two cameras show the same surfaces, room and people are used together: floor and walls determine
 tilt and height, people determine the shift along floor and walls. Room and people each have half of the weight, so that
-a large room does not decide alone: a wrong focal length displaces its far ends, but not the people.
+a large room does not decide alone: a wrong focal length displaces the far ends of the room, but not the people.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from anchorpose.rotations import rigid
 NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
-# pixels, side of the window that adds a rim of 3 pixels to people: 2 cm at 2 m, as far as a limb moves between frames
+# pixels, side of the window that adds a rim of 3 pixels to people: at 2 m, these are 2 cm, as far as a limb moves
+# between frames
 RIM_PX: Final = 7
 # m, maximum distance of paired points in each iteration; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
@@ -79,7 +80,7 @@ class SurfaceFit:
     """The fitted pose T_first_second (4, 4) between camera frames. residual_m: robust standard deviation of the
     distances from point to plane; impossible: share of one camera's points on people that lie where the other camera
     sees no people; common: share of these points inside the other camera's depth image; both shares are computed from
-    the first to the second camera and back, and the worse value is stored; sigma_m, sigma_rad: standard errors of
+    the first to the second camera and vice versa, and the worse value is stored; sigma_m, sigma_rad: standard errors of
     position and rotation, if the errors of different moments are independent.
     """
 
@@ -145,7 +146,7 @@ def _surface_points(camera: Camera, smooth_m: np.ndarray, room_m: np.ndarray, st
     rows, columns = (grid.ravel() for grid in np.mgrid[height, width])
     points, normals, good = points_with_normals(camera, smooth_m, rows, columns, GATES)
     room = room_m[rows, columns]
-    # where the room is out of range, all readings are on people
+    # at pixels where the room is out of range, all readings are on people
     person = (room <= 0) | (smooth_m[rows, columns] < room - NEARER_M)
     return Seen(points[good], normals[good], person[good])
 
@@ -185,8 +186,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     """Fit the rotation about the vertical and the shift over the floor, starting from a pose whose tilt and height are
     correct.
 
-    Frames at the same index in both views are of the same moment. Return None if both see too little in common. Walls
-    are left out: a shift along a wall cannot be seen, and walls would hold the cameras at the starting pose.
+    Frames at the same index in both views show the same moment. Return None if both cameras see too little in common.
+    Walls are left out: a shift along a wall cannot be seen, and walls would hold the cameras at the starting pose.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -273,19 +274,19 @@ def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.asarray(rigid(cv2.Rodrigues(step[:3])[0], step[3:]) @ T)
 
 
-# m, maximum distance of paired points in each iteration; with wrong intrinsics, they are 5 cm apart even at the end
+# m, maximum distance of paired points in each iteration; with wrong intrinsics, paired points stay 5 cm apart
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. With less, correct poses seemed to displace surfaces
-# by 26 and 32 mm, with more by at most 9 mm. Without people in view, the result is often 0.001.
+# minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
+# surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
 STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of pose; they damp undetermined directions
 # m, maximum distance of paired points that count when the misfits of the fitted and of the given pose are computed;
 # points farther apart are on different surfaces
 COMPARED_M: Final = 0.15
-# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count; a fit that
-# only slides surfaces along themselves leaves the misfit as it was
+# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
+# only slides surfaces along themselves does not change the misfit
 BETTER: Final = 0.8
 # m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
 # wrong by 2 % leave 15 to 25 mm
@@ -295,9 +296,9 @@ TIGHT_M: Final = 0.010
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """How far two cameras' poses displace common surfaces. off_m: distance by which the fitted pose moves the people
-    or, without people, the room; if this pose fits no better than the given poses, the median distance between the two
-    cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if the surfaces do
-    not fit closely enough.
+    or, without people, the room. If the fitted pose is not better than the given poses, off_m is the median distance
+    between the two cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if
+    the surfaces do not fit closely enough.
     """
 
     off_m: float
@@ -369,8 +370,8 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return how well the data determine a shift at ``place_m``, with the rotation free: the share (0 to 1) of the
-    weight that resists a shift in the direction in which it is least determined.
+    """Return how well the data determine a shift at ``place_m``, with the rotation free. The result is the share (0 to
+    1) of the weight that resists a shift in the least determined direction.
     """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])

@@ -1,8 +1,8 @@
 """Check that the poses of cameras that saw the equipment are consistent: all see the same floor, and no camera sees
 through a surface that another camera sees.
 
-For equipment that looks the same from several sides, the module also finds from which side each camera saw it, and in
-which direction the world's X points.
+Some equipment looks the same from several sides. The module then also finds from which side each camera saw the
+equipment, and in which direction the world's X points.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # approximate number of points compared per depth frame
 FRAMES: Final = 6  # approximate number of frames in which two cameras are compared
-# m; lower points are left out, since the floor looks the same if a camera is placed on the wrong side of the equipment
+# m; lower points are left out, since the floor looks the same to a camera on the wrong side of the equipment
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum lead of the best of the poses that symmetry allows: its share of points seen through must be at least this
-# much lower than the share at the second-best pose
+# minimum lead of the best pose among the poses that symmetry allows. Its share of points seen through must be lower by
+# at least this than the share at the second-best pose
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
 
@@ -82,8 +82,8 @@ def share_seen_through(
     floor_height_m: float,
     noise_per_m: float,
 ) -> float | None:
-    """Return the share of the points seen by one camera that the other camera sees through, among the points that
-    nothing hides from the other; None for too few points.
+    """Return the share of one camera's seen points that the other camera sees through. Points that are hidden from the
+    other camera do not count. The result is None for too few points.
 
     The points of both cameras count. cameras: two cameras with poses; depths_m: pairs of frames (height, width), of the
     first and the second camera at about the same moment, 0 = no reading.
@@ -124,8 +124,8 @@ def _disagreement(
 
 
 def common_floor(seen: Sequence[SeenEquipment], cameras: Sequence[Camera]) -> FloorPrior:
-    """Return the floor in the equipment's frame Gamma_0: its upward direction and its height are means over the cameras
-    that found the equipment.
+    """Return the floor in the equipment's frame Gamma_0. Its upward direction and its height are means over the cameras
+    in which the equipment was found.
     """
     ups, heights = [], []
     for one in seen:

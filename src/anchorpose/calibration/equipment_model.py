@@ -104,7 +104,7 @@ class EquipmentCaster:
             beyond = np.roll(depth, (-step[0], -step[1]), (0, 1))
             edge = inner & ~(beyond < depth + JUMP_M)
             across = slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9)
-            edge &= -(across @ np.array(step)) > 0.65  # the outline runs across this direction, not along it
+            edge &= -(across @ np.array(step)) > 0.65  # the outline must run across this direction, not along it
             row, column = np.nonzero(edge)
             found.append((row, column, np.broadcast_to(step, (len(row), 2))))
         row, column, step_of = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -120,7 +120,7 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which there is equipment at
+        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which rays hit equipment at
         about ``depth_m``, the depth at ``here``.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
@@ -159,16 +159,16 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
-# minimum number of points of a part, since a small part may be what distinguishes front from back
+# minimum number of points of a part, since only a small part may distinguish front from back
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-# m, minimum and maximum distance from the equipment's surface of the points beside it: beyond its flying pixels, but so
-# near that the points lie in the wall too if the equipment is tried inside a wall
+# m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
+# pixels. But they are so near that, if the equipment is tried inside a wall, the points lie in the wall, too
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape; the standing frames of
-# two clinics differ by more, so they are not confused
+# m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape. The standing frames of
+# two clinics differ by more than this, so they are not confused
 SAME_M: Final = 0.012
 ALIKE_M: Final = 0.10  # m; if the equipment changes by less under a rotation, the search may confuse the two directions
 TRIED_POINTS: Final = 400
@@ -264,7 +264,7 @@ def _areas(corners_m: np.ndarray) -> np.ndarray:
 def _on_triangles(corners_m: np.ndarray, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return points (count, 3) spread evenly over triangles (f, 3, 3), and the normals there."""
     area = _areas(corners_m)
-    place = (np.arange(count) + rng.random(count)) / count  # stratified, so that no part lacks points by chance
+    place = (np.arange(count) + rng.random(count)) / count  # stratified sampling: no part lacks points by chance
     chosen = np.minimum(np.searchsorted(np.cumsum(area) / area.sum(), place), len(area) - 1)
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     a, b, c = corners_m[chosen].transpose(1, 0, 2)
@@ -285,7 +285,7 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test every rotation in steps of ``STEP_DEG`` about two centres: the centre of the bounding box, and the centre of
     the surface.
 
-    For each angle, the centre with the smaller deviation counts: a symmetry preserves both centres, but in a model that
+    For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
     mixes round and square tubes the sampled centre of the surface is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]

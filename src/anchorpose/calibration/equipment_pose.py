@@ -33,21 +33,21 @@ from anchorpose.settings import Positive, settings
 
 # Shares of the equipment or of a part refer to surface area in m2, not to pixels, so that near parts do not count more.
 LEAST_SEEN: Final = 0.2  # minimum share of the equipment that must be seen; people or the image border hide up to half
-MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface that may be seen through; not 0: edges of bars flicker
+MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface seen through; above 0, since edges of bars flicker
 MOST_THROUGH_OF_PART: Final = 0.35
-# maximum share of a part's unhidden surface that may lack readings; with more, the part may be absent, and the wall
-# behind it out of range
+# maximum share of a part's unhidden surface that may lack readings; if more is missing, the part may be absent, and the
+# wall behind it out of range
 MOST_UNREAD_OF_PART: Final = 0.7
-LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels of a part; a part with fewer is not judged
-# maximum share of the seen outline at which readings may continue beyond it at the same depth; if the equipment is
-# tried inside a wall, readings continue everywhere
+LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part to be judged
+# maximum share of the seen outline beyond which readings may continue at the same depth. If the equipment is tried
+# inside a wall, readings continue along the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
-MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen edge from the predicted one; edge pixels are often off by one
+MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen from a predicted edge; edges often have an error of one pixel
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
-# rad (0.05 degrees); a camera's systematic error makes equipment with bars a metre apart look turned by this angle
+# rad (0.05 degrees), angle by which a camera's systematic error seems to turn equipment with bars a metre apart
 STEADY_RAD: Final = 0.0008
 
 
@@ -155,9 +155,10 @@ def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarr
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden points. The first counts, among points at which the part is seen,
-    those where the surface continues beyond the outline, as inside a wall, the floor, or a person who leans on it. The
-    second counts, among all points, those where the surface ends where predicted.
+    """Return two shares of the outline's unhidden points. The first is the share, among points at which the part is
+    seen, of points where the surface continues beyond the outline. This happens if the part lies inside a wall or the
+    floor, or if a person leans on it. The second is the share, among all points, of points where the surface ends as
+    predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -167,8 +168,8 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
 
 
 def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected (None if it is accepted), and the index of the equipment's part that is to blame,
-    or None.
+    """Return why the pose is rejected (None if it is accepted). Also return the index of the equipment's part that
+    causes the rejection, or None.
     """
     if evidence.seen_share < LEAST_SEEN:
         return NoPose.LITTLE_SEEN, None
@@ -198,17 +199,17 @@ def sigma_of(fit: Refined) -> tuple[float, float]:
     """Return the standard deviations of the angle (rad) and of the position of the equipment's centre (m), each in its
     worst direction.
 
-    A device's systematic error does not shrink with the number of pixels, so it is added.
+    The systematic error of a camera is added, since it does not become smaller with more pixels.
     """
     turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
     return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
 
 
-TRIED: Final = 6  # number of search results that are refined; the correct one was always among the best two
+TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
 LEAST_LEAD: Final = 0.9  # minimum score of an accepted pose, as a share of the best score of any pose, accepted or not
 RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
-# m; if the model's lowest point and its Y = 0 are farther apart, each is tried as the height of the floor
+# m; if the model's lowest point is farther than this from its plane Y = 0, both heights are tried as the floor's height
 TWO_HEIGHTS_M: Final = 0.03
 
 
@@ -245,8 +246,8 @@ class EquipmentPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoEquipmentPose:
-    """The reason why this camera has no pose. part: name of the equipment's part that is to blame, if it is a single
-    part.
+    """The reason why this camera has no pose. part: name of the equipment's part that causes the rejection, if it is a
+    single part.
     """
 
     why: NoPose
@@ -295,7 +296,7 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and the best one refined after each turn of ``Symmetry.alike``."""
+    """Return the refined best poses of the search, and the best pose refined after each turn of ``Symmetry.alike``."""
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:
@@ -315,7 +316,9 @@ def _floor_heights(equipment: Equipment) -> tuple[float, ...]:
 
 
 def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
-    """Return why no pose is accepted, for the refined pose that agrees best with the seen surface and outline."""
+    """Return why no pose is accepted: the reason for the refined pose that agrees best with the seen surface and
+    outline.
+    """
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))

@@ -103,9 +103,9 @@ class Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedEdges:
-    """The observed edges; arrays (n,) with one value per outline pixel, in this order: number of pixels beyond the
-    pixel's centre at which the part ends; whether its end is seen; whether the surface continues at the same depth
-    instead; whether the part is absent.
+    """The observed edges; arrays (n,) with one value per outline pixel, in this order: distance in pixels, from the
+    pixel's centre outward, at which the part ends; whether this end is seen; whether the surface continues at the same
+    depth instead; whether the part is absent.
     """
 
     beyond_px: np.ndarray
@@ -142,8 +142,8 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return least-squares rows across the outline. Each compares the expected end of a part with the observed end,
-    which is found by counting readings on the part along a line of pixels across the outline.
+    """Return least-squares rows across the outline. Each row compares the expected end of a part with the observed end.
+    The observed end is found by counting readings on the part along a line of pixels across the outline.
     """
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)
@@ -181,7 +181,7 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
     free = (~hidden).sum(axis=0)
     share = on.sum(axis=0) / np.maximum(free, 1)
     same = np.abs(_depth_at(prediction.rendering, row, column) - depth) < margin
-    # pixels of the line from the outline inward, up to the first at which the model has another depth
+    # pixels of the line from the outline inward, up to the first pixel at which the model has another depth
     first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)
     counted = np.concatenate([first, np.ones((len(row), reach_px), bool)], axis=1)
     inner = first.sum(axis=1)
@@ -235,8 +235,8 @@ class FloorPrior:
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, in
-    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: pixels by which
-    bars look too thick on each side.
+    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: how much too thick
+    bars look on each side, in pixels.
     """
 
     T_camera_model: np.ndarray
@@ -282,9 +282,9 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
 
 
 def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
-    """Return the shift (parts,), in metres, by which each part, if moved alone, would fit better; NaN if inaccurate.
-
-    Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count: a shift of a bar along itself is invisible.
+    """Return the length (parts,), in metres, of the shift after which each part alone would fit best; NaN if
+    inaccurate. Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along
+    itself is invisible.
     """
     count = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)

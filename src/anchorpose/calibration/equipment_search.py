@@ -17,7 +17,7 @@ from anchorpose.rotations import rigid
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
-RADIUS_M: Final = 0.5  # m from the equipment's centre; there, a step of rotation moves points as far as a step of shift
+RADIUS_M: Final = 0.5  # m from the equipment's centre, where steps of rotation and of shift move points equally far
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
@@ -26,7 +26,7 @@ THINNING: Final = 3  # every third point of the equipment is used, except in the
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
 DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less than both are the same pose
-# m; points within this distance of the surface count as on the surface; from coarse to fine
+# m, maximum distance of points that count as on the surface, one value per step from coarse to fine
 TOLERANCES_M: Final = (0.05, 0.03, 0.02)
 THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
 # m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
@@ -114,8 +114,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return, for every place (x, z), the weighted sum of the map's values over the ``cells`` (n, 3), each (y, x, z),
-    after they are shifted to this place.
+    """Shift the ``cells`` (n, 3), each (y, x, z), to every place (x, z); return the weighted sum of the map's values
+    over the shifted cells, for each place.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
@@ -135,8 +135,8 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
-    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z, first of half the tolerance,
-    then of a quarter; return their scores (n,).
+    """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z. The steps are first half of the
+    tolerance, then a quarter; return their scores (n,).
     """
     scores = np.empty(len(places))
     trial = np.empty(4)
@@ -185,7 +185,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
                 continue
             facing += 1
         elif y < 0.1:
-            continue  # so near to the floor, a point beside the equipment may show the floor
+            continue  # a point beside the equipment that is so near to the floor may show the floor
         d, w = _reading(image, cx, cy, cz)
         if d <= 0.0:
             continue
@@ -203,7 +203,7 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 @nb.njit(cache=True)
 def _at_edge(image: SearchImage, x: float, y: float, z: float, margin_m: float) -> bool:
     """Return whether one of the four pixels around a point in the camera frame reads the point's depth. If so, the
-    point lies less than a pixel inside a thin bar, and the pixel at the point itself may read the background.
+    point lies less than a pixel inside a thin bar, and the point's own pixel may read the background.
     """
     column, row = pixel_of_ray(x / z, y / z, image.lens)
     c, r = int(np.floor(column)), int(np.floor(row))
@@ -320,7 +320,8 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
-    # neighbouring directions differ by a cell at a bar's ends, so a correct bar may reach into the cells beside its own
+    # at a bar's ends, neighbouring directions differ by a cell, so a correctly placed bar may lie in a neighbouring
+    # cell
     beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
     space[beside] = UNKNOWN
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]

@@ -44,8 +44,8 @@ LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as
 # if more than this share of the unhidden equipment is seen through, the equipment is searched on the whole floor
 DOUBT_SHARE: Final = 0.2
 GONE_SHARE: Final = 0.4  # if more than this share of the unhidden equipment is seen through, it is gone
-# m and rad (3 degrees); if the equipment is seen farther from where a given pose puts it, tracking is refused. A pose
-# that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of 2.5 m.
+# m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from its place by a given pose.
+# A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of 2.5 m.
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
 # minimum number of pixels that show the equipment or see through it; with fewer, frames are no evidence
 LEAST_PIXELS: Final = 100
@@ -70,7 +70,7 @@ def check_given_poses(
     floor_height_m: float,
     config: EquipmentPoseConfig,
 ) -> tuple[list[PoseDoubt], list[str]]:
-    """Return doubts about given poses at which the equipment is not seen in its place, and notes on moved equipment.
+    """Return doubts about given poses that put the equipment where it is not seen, and notes on moved equipment.
 
     floors: one per camera.
     """
@@ -93,7 +93,7 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return where the equipment is seen if this is not where the camera's given pose puts it, else None."""
+    """Return the place where the equipment is seen, if the camera's given pose puts it elsewhere; else None."""
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -250,7 +250,8 @@ def world_from_equipment(
 
 def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
     """Find the equipment in one camera: in the image of the empty room or, if this fails, in all frames. Without such
-    an image, all frames are tried first, then the first half of them. Raises InputError if the equipment is not found.
+    an image, all frames are tried first, then only the first half of the frames. Raises InputError if the equipment is
+    not found.
     """
     recording = inputs.recording
     camera, background = recording.cameras[index], recording.backgrounds_m[index]
@@ -294,8 +295,8 @@ def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
     """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
-    equipment in this place; if that pose is not accepted, on fewer of these frames. If no refined pose is accepted,
-    return the earlier pose.
+    equipment in this place. If the refined pose is not accepted, refine it on fewer of these frames. If no refined pose
+    is accepted, return the earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

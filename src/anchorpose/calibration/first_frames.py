@@ -1,4 +1,4 @@
-"""Learn from the first frames of one camera its noise, the still surfaces, the floor, and where the patient stands."""
+"""Learn one camera's noise, the still surfaces, the floor and the patient's place from the camera's first frames."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from anchorpose.descriptor.people import LEAST_CERTAINTY, find_people
 from anchorpose.recording.recording import FrameSet
 
 MAD_OF_NORMAL: Final = 0.6745  # median of |x| of a standard normal distribution
-# minimum share of a pixel's readings that must show a surface for this surface to be the room; the other readings may
-# show people in front
+# minimum share of a pixel's readings that show a surface, for this surface to be the room; the other readings may show
+# people in front
 STAYS_SHARE: Final = 0.3
 SAME_M, SAME_SIGMAS = 0.02, 3.0  # two readings of one surface differ by less than 0.02 m plus 3 sigmas of the noise
 
@@ -57,7 +57,7 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
-    """Return, per pixel (height, width) float32, the depth of the farthest surface that at least ``STAYS_SHARE`` of its
+    """Return (height, width) float32: the depth of the farthest surface that at least ``STAYS_SHARE`` of a pixel's
     readings show.
 
     frames_m (n, height, width), 0 = no reading. The farthest surface is the room, since people stand in front of it. An
@@ -81,18 +81,18 @@ NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a 
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
-USUAL_DISTANCE_M: Final = 2.5  # m, distance from the camera at which a patient is assumed if nobody is found
+USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
 
 
 def start_of_patient(
     camera: Camera, sample_frames: Sequence[FrameSet], up: np.ndarray, height_m: float | None
 ) -> tuple[np.ndarray, str]:
-    """Return a point (3,) in the camera frame below the pelvis of the most visible person in the first sampled frame
-    with a person, and a note on how it was found. The point is on the floor or, without a floor, at the height of the
-    lowest visible point.
+    """Return a point (3,) in the camera frame below the pelvis of a person, and a note on how it was found. The person
+    is the most visible person in the first sampled frame with a person. The point is on the floor or, without a floor,
+    at the height of the lowest visible point.
 
     up (3,), camera frame; height_m: height of the camera above the floor, None if unknown. If the learnt descriptor
-    finds nobody, the point is straight ahead of the camera.
+    finds no person, the point is straight ahead of the camera.
     """
     for frame in sample_frames:
         depth = frame.depths_m[0]
@@ -130,7 +130,7 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 # minimum number of readings in a depth image; the smallest image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-FLATNESS_M: Final = 0.003  # m, unevenness of a hard floor, added to the noise; else near pixels would dominate the fit
+FLATNESS_M: Final = 0.003  # m, unevenness of a hard floor, added to the noise, or near pixels would dominate the fit
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)
@@ -142,20 +142,20 @@ IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera who
 # plane: these points are shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # maximum ratio of points below the floor to points on it; mirrors and flying pixels cause some
-# maximum share of the moving points that may be below the floor; below a table top is a third of a person, the legs
+MOST_BELOW: Final = 0.1  # maximum ratio of points below to points on the floor; mirrors and flying pixels cause a few
+# maximum share of the moving points that may be below the floor; below a table top, it is a third (a person's legs)
 MOST_SUNK: Final = 0.05
-# m; a moving point counts as below a plane if it is lower by more than this, the height of a shoe and the error of a
+# m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
 # tilted plane
 SUNK_M: Final = 0.10
 # minimum share of all readings that must lie on the floor; the direction of a smaller patch is uncertain
 LEAST_SHARE: Final = 0.02
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of planes drawn at random; if 10 % of the readings are on the floor, one draw in 1000 has all three points on
-# the floor, but real floors have 20 to 50 %
+# number of planes drawn at random. On real floors, 20 to 50 % of the readings are on the floor; with only 10 %, one
+# draw in 1000 would have all three points on the floor
 TRIALS: Final = 300
-SAMPLE: Final = 6000  # number of readings, drawn at random, among which those on and below each plane are counted
+SAMPLE: Final = 6000  # number of readings drawn at random; readings on and below each plane are counted among these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,11 +218,11 @@ def up_of(camera: Camera) -> np.ndarray:
 def is_upside_down(
     floor: FloorPlane | NoFloor, camera: Camera, background_m: np.ndarray | None, frames_m: Sequence[np.ndarray]
 ) -> bool:
-    """Return whether people stand on a plane that, by the camera's pose, lies above the camera, while they stand on no
-    plane below it.
+    """Return whether people stand on a plane above the camera (according to the camera's pose), and on no plane below
+    it.
 
-    floor: result of ``floor_of_room`` from the same frames. Also return False if nobody moves or no plane is seen,
-    since nothing then shows which way is up.
+    floor: result of ``floor_of_room`` from the same frames. Also return False if no person moves or no plane is seen,
+    since the frames then do not show which way is up.
     """
     if not frames_m or floor is NoFloor.NO_READINGS:
         return False
@@ -260,8 +260,8 @@ def find_floor(
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
     upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
     Then the plane is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to
-    three standard deviations of the inliers' distances, since the foot of a wall among the first inliers would tilt the
-    plane.
+    three standard deviations of the inliers' distances. Otherwise the foot of a wall, which is among the first inliers,
+    would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]

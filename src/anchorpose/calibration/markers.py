@@ -145,7 +145,7 @@ def detect_markers(
     if layout.board is not None:
         found = _board_corners(grey, layout.board, dictionary, parameters)
     else:
-        # corners found by fitting a tag's four edges have half the error of corners that are refined one by one
+        # corners found by fitting a tag's four edges have half the error of corners that are refined separately
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
         found = _tag_corners(grey, layout, cv2.aruco.ArucoDetector(dictionary, parameters))
     if not found:
@@ -232,16 +232,16 @@ def _depth_inside(
 # names of the images of markers in a camera's folder; these images must have the intrinsics of the camera's depth
 # images
 MARKER_IMAGES: Final = ("infrared.png", "color.png")
-# m and rad; solver solutions that differ by less are one solution; mirrored poses differ by several degrees
+# m and rad; solver solutions that differ by less count as one solution, while mirrored poses differ by several degrees
 SAME_M, SAME_RAD = 0.002, 0.002
 CORNER_SIGMA_PX: Final = 0.3  # px, error of a corner after refinement, in an image with noise and slight blur
 DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white print, due to noise and the ink
-WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction was moved or misread: it is left out
+WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
 FLIPPED_CHI2: Final = 16.0  # minimum lead in chi2 over the second, mirrored pose of a flat layout: four sigmas
-WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; a small distant tag gives it only to 10 cm
-# rad (half a degree), maximum sigma of the camera's direction; it displaces a point at one metre by one centimetre
+WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
+# rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
 WORST_SIGMA_RAD: Final = 0.01
 
 
@@ -325,7 +325,7 @@ def pose_from_markers(
     poses = _candidates(seen, camera)
     while not poses or _worst_corner_px(poses[0][1], seen, camera) > WORST_CORNER_PX:
         numbers = np.unique(seen.marker).tolist()
-        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # the tags that would be left are not a majority
+        if 2 * (len(left_out) + 1) >= len(numbers) + len(left_out):  # the remaining tags would not be a majority
             return NoMarkers.INCONSISTENT
         rest = {number: _candidates(seen.without(number), camera) for number in numbers}
         left_out.append(min(numbers, key=lambda number: rest[number][0][0] if rest[number] else np.inf))
@@ -382,8 +382,8 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
         rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
         slope = rays @ normal
         predicted = (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
-        # errors of readings on one marker are correlated (ink, calibration of the sensor): together they count as eight
-        # at most
+        # errors of readings on one marker are correlated (ink, calibration of the sensor), so all of these readings
+        # together count as at most eight readings
         rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
     return np.concatenate(rows)
 

@@ -21,17 +21,17 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
-# rad, maximum angle by which a part's axes may be turned to lie along the common directions (the vertical, and the
-# level directions of most bars); readings of another bar may make a bar's direction wrong by this angle
+# rad, maximum angle by which a part's axes are turned to lie along the common directions (the vertical, and the level
+# directions of most bars). Readings of another bar may cause an error of this size in a bar's direction
 SNAP_RAD: Final = np.radians(10.0)
 # maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if the fit costs
 # more, the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-WELL_M: Final = 0.006  # m; if a part's readings spread about its surface by less than this, its axes are not fitted
-# m, maximum spread of a part's readings about its surface; with more, the part is neither a bar nor a plate
+WELL_M: Final = 0.006  # m; axes are not fitted for a part whose readings spread about its surface by less
+# m, maximum spread of a part's readings about its surface; a part with a larger spread is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
-# maximum share of the rays through a part's core that may end beyond it; a wrong part has more
+# maximum share of the rays through a part's core that may end beyond the part; wrong parts have a larger share
 MOST_HOLLOW: Final = 0.2
 END_SHARE: Final = 0.15  # share of a bar's length at each end that is left out when its cross-section is measured
 # m above the floor; a level bar below the first height is a runner, a level plate above the second is a seat
@@ -42,7 +42,7 @@ SAMPLES: Final = 8  # number of frames from which the patient's place is found i
 @dataclass(frozen=True, slots=True, eq=False)
 class ProposedPart:
     """A proposed part, the robust spread of its readings about its surface, the number of readings, and the names of
-    its lengths (length, breadth, thickness) that are guessed, since no camera sees them.
+    guessed lengths (length, breadth, thickness), which no camera sees.
     """
 
     part: Box | Cylinder
@@ -135,9 +135,9 @@ def propose_equipment(
 ) -> EquipmentProposal | NoEquipment:
     """Propose boxes and tubes that fit the objects in the cylinder ``region`` of the empty room.
 
-    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. If no camera
-    sees one side of a bar, this side is placed such that the bar is square, and the length from this side to the
-    opposite side is named in ``guessed``.
+    cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side of a bar
+    that no camera sees is placed so that the bar is square. The length from this side to the opposite side is then
+    named in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -166,8 +166,8 @@ def _common_yaw(found: Sequence[Found]) -> float:
     """Return the common angle of the level bars about the vertical, radians, within 45 degrees of 0; a very small angle
     is set to 0.
 
-    Bars meet at right angles, so four times the angle is averaged, which makes angles that differ by 90 degrees equal;
-    longer bars count more.
+    Bars meet at right angles, so the angles are multiplied by four before they are averaged, which makes angles that
+    differ by 90 degrees equal. Longer bars count more.
     """
     total = 0.0 + 0.0j
     for part in found:
@@ -182,9 +182,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
     """Fit a part. Axes that are nearly parallel to the vertical and the common directions (``yaw``) are set to these
     directions.
 
-    The fit is run twice, from a larger and from a smaller box around the part, and the better result counts: readings
-    of other parts may make the larger box too large, so that one of its faces converges to the wrong side of the
-    readings.
+    The fit is run twice, from a larger and from a smaller box around the part, and the better result counts. Readings
+    of other parts may make the larger box too large; one of its faces then converges to the wrong side of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]

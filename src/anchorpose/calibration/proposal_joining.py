@@ -14,7 +14,7 @@ from anchorpose.calibration.proposal_shape import LEAST_SUPPORT, REACH_M, Fit
 # m, limits for pieces of one bar: OFF_LINE_M is the distance of one piece from the line of the other piece,
 # LARGEST_CUT_M the gap between the pieces (a leg's breadth)
 OFF_LINE_M, LARGEST_CUT_M = 0.02, 0.30
-SEEN_THROUGH: Final = 4  # number of rays through a gap that are needed to show that the gap is empty
+SEEN_THROUGH: Final = 4  # minimum number of rays through a gap that show that the gap is empty
 # m; a reading within this distance of a bar's extension belongs to the bar; this is also the step along the bar
 ALONG_M: Final = 0.01
 # minimum number of readings per step along a bar for the bar to continue; a bar one pixel wide at 3 m has five
@@ -28,8 +28,8 @@ TO_FLOOR_M: Final = 0.12
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
     """Extend a bar as far as readings continue in its cross-section.
 
-    free (n,) bool: readings that do not belong to another part. A bar is extended also across readings of other parts,
-    so that a runner continues behind the post on it, but it never ends in such readings.
+    free (n,) bool: readings that do not belong to another part. A bar is extended across readings of other parts, too,
+    so that a runner continues behind the post on it. But a bar never ends in such readings.
     """
     if fit.plate:
         return fit
@@ -151,8 +151,8 @@ def _lifted(fit: Fit, axis: int, height_m: float, readings: Readings) -> bool:
 
 
 def guessed_lengths(fit: Fit, floor_height_m: float) -> tuple[str, ...]:
-    """Return the names of lengths that no camera sees: lengths along an axis in whose direction all cameras look, and
-    lengths with an end that has no readings.
+    """Return the names of lengths that no camera sees. These are lengths along an axis in whose direction all cameras
+    look, and lengths with an end that has no readings.
 
     The end of a part on the floor counts as seen.
     """

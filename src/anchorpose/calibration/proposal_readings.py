@@ -18,16 +18,16 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
 FLOOR_SIGMAS: Final = 4.0  # sigmas of the noise in the height of floor readings; higher readings are above the floor
-# maximum depth step between pixels of one object: JUMP_M (m), since a bar's side may be seen at an angle, plus
+# maximum depth step between pixels of one object: JUMP_M (m), for sides of bars that are seen at an angle, plus
 # JUMP_SIGMAS sigmas of the noise
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
 # minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
 FREE_SHARE: Final = 0.5
-# pixels, width of the rim around free-standing objects; readings in the rim are kept, since their rays pass beside the
+# pixels, width of the rim around free-standing objects. Readings in the rim are kept, since their rays pass beside the
 # object
 BEYOND_PX: Final = 14
-UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, where the room is out of range
+UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, since the room is out of range there
 UNREAD_PX: Final = 21  # pixels, minimum width of an area out of range; the unread side of a tube is narrower
 TOP_M: Final = 2.2  # m, maximum height of the equipment above the floor; lamps and ceiling lifts are not part of it
 
@@ -156,10 +156,10 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 # m, maximum distance from a bar's middle line to its surface; bars are tubes of 3 cm to pads of 9 cm
 BAR_RADIUS_M: Final = 0.055
-# m from a bar's middle line; up to this distance, readings beside the bar are counted: few lie beside a real bar, many
+# m from a bar's middle line, up to which readings beside the bar are counted. Few readings lie beside a real bar, many
 # beside a strip of a plate
 SURROUNDINGS_M: Final = 0.10
-# maximum ratio of the readings beside a bar to the readings on it; not 0, since other bars may start from the bar
+# maximum ratio of the readings beside a bar to the readings on it; above 0, since other bars may start from the bar
 MOST_BESIDE: Final = 0.5
 LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
@@ -167,7 +167,7 @@ GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings,
 SEEDS: Final = 120  # number of places, drawn at random for each bar, from which a bar is searched
 # m; points this near to a seed give its bar's first direction: a ball twice as wide as a thick bar
 NEAR_M: Final = 0.12
-LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer give no direction
+LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer pixels give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings on a plate can fill, but readings on a bar cannot
 PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
 PLATE_FLATNESS_M: Final = 0.02  # m, maximum deviation of readings from a plate's plane, due to noise and upholstery
@@ -237,7 +237,7 @@ def _best_bar(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) 
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the points (n,) bool on the bar through a place, and its direction; None if there is no bar."""
+    """Return the points (n,) bool on the bar through a place, and its direction; None without a bar there."""
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):

@@ -18,7 +18,7 @@ from anchorpose.calibration.proposal_readings import Readings
 from anchorpose.recording.equipment import Box, Cylinder
 
 LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a reading; neither tubes nor camera poses are more accurate
-REACH_M: Final = 0.03  # m from a part; readings within this distance belong to it
+REACH_M: Final = 0.03  # m from a part's surface; readings within this distance belong to the part
 BEYOND_M: Final = 0.05  # m; if a ray ends this far behind a part, it has passed the part
 STEP_M: Final = 0.015  # m, step along a ray, half the thickness of a thin plate
 ROWS: Final = 300  # maximum number of readings, and of rays, for one part; faces are then precise to half a millimetre
@@ -27,14 +27,14 @@ TRIALS: Final = 25  # maximum number of iterations of the solver; most fits conv
 # outweigh this assumption
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
-# the extent along an axis counts as unseen if the sine of the angle from axis to line of sight is below this (24
-# degrees); at this angle, a 5 cm bar shows three pixels of its side
+# sine of 24 degrees; a part's extent along an axis counts as unseen if the angle from axis to line of sight is smaller.
+# At this angle, a 5 cm bar shows three pixels of its side
 ASLANT: Final = 0.4
 ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
-END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if nothing shows the end
-# maximum cost of the fitted tube, divided by the cost of the fitted box, at which the tube is used; this ratio is above
-# 1, since a box has one more free length
+END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if no camera sees the end
+# maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. It is above 1, since
+# a box has one more free length
 ROUNDER: Final = 1.12
 # minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12
@@ -105,7 +105,7 @@ def first_fit(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, plate: bo
 
 
 def refine(fit: Fit, readings: Readings, own: np.ndarray, turn: bool = False, tubes: bool = False) -> Fit:
-    """Fit a box to the readings. If ``tubes`` is set and a tube fits them about as well, return the tube.
+    """Fit a box to the readings. If ``tubes`` is True and a tube fits the readings about as well, return the tube.
 
     own (n,) bool: readings on this part. turn: whether the fit may also turn the axes.
     """

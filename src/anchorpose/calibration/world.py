@@ -39,8 +39,8 @@ TILTED_RAD: Final = 0.035
 # rad (four degrees); if a measured floor is tilted by more in the world, the pose is wrong: floors are level to one
 # degree, and lenses bend them by one degree more
 WORST_FLOOR_TILT_RAD: Final = 0.07
-# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm: above the first, a doubt
-# is noted; above the second, tracking is refused, since one height is then off by 7 cm or more
+# m, limits of the difference between one floor's heights in two cameras, each known to 2 cm. Above the first limit, a
+# doubt is noted. Above the second limit, tracking is refused, since one height then has an error of 7 cm or more
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -120,7 +120,7 @@ def _floors(recording: Recording, sample_frames: Sequence[FrameSet]) -> list[Flo
 def _upside_down(
     recording: Recording, sample_frames: Sequence[FrameSet], floors: Sequence[FloorPlane | NoFloor]
 ) -> tuple[PoseDoubt, ...]:
-    """Return a doubt about each camera whose pose would have people stand upside down on a floor above the camera."""
+    """Return a doubt about each camera whose pose would make people stand upside down on a floor above the camera."""
     found = []
     for index, (camera, floor) in enumerate(zip(recording.cameras, floors, strict=True)):
         if is_upside_down(floor, camera, recording.backgrounds_m[index], depths_of(sample_frames, index)):

@@ -38,7 +38,7 @@ NEAREST_M: Final = 0.3  # m; a nearer value counts as no reading
 # two windows for relief, which is the depth minus its mean in the window: the window's side in pixels, and the limit in
 # m to which its relief is clipped
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
-OFFSET: Final = 0.1  # in statures, unit of length in which the network gives places within a patch of skin
+OFFSET: Final = 0.1  # statures; unit of length in which the network states places within a patch of skin
 LARGEST_BYTES: Final = 64_000_000  # bytes, maximum size of a file of weights; the package's file has 4 MB
 LONGEST_LINE: Final = 4096  # bytes, maximum length of the first line of a file of weights
 REMEMBERED: Final = 8  # number of described images kept in memory, enough for two moments of four cameras
@@ -99,7 +99,9 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network; check by a hash that the network is the exported one."""
+    """Return the file's description and the network; check by a hash that the network is the network that was
+    exported.
+    """
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -167,7 +169,8 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     with _lock:
         while len(_remembered) >= REMEMBERED:
             _remembered.pop(next(iter(_remembered)))
-        # the weak reference shows whether the id still belongs to this image; a freed image's id may be used again
+        # the weak reference shows whether the id still belongs to this image, since the id of a freed image may be used
+        # again
         _remembered[id(depth_m)] = (ref(depth_m), camera, found)
     return found
 
@@ -224,7 +227,7 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
     """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera of ``FOCAL_PX``, and whether
     the image has such a pixel.
 
-    The nearest pixel is used instead of a mean of neighbours, since at an edge nothing is at the mean depth.
+    The nearest pixel is used instead of a mean of neighbours: at an edge, no surface lies at the mean depth.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
@@ -237,7 +240,7 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches and, last, of nobody."""
+    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches, then of no person."""
     raised = classes - classes.max(axis=0)
     np.exp(raised, out=raised)  # in place, since it takes time to allocate a new array
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
@@ -247,7 +250,7 @@ def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray
     """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) in metres of n pixels, from the network's outputs
     (n, outputs).
 
-    The outputs are a score per patch and a score for nobody, the log of the error, the vote, and features. The offset
+    The outputs are a score per patch, a score for "no person", the log of the error, the vote, and features. The offset
     within the patch is a linear function of the features.
     """
     patches = len(weights.centres)

@@ -19,7 +19,7 @@ trained on, 96 % of the votes are nearer than this to the pelvis of their person
 """
 
 NEAR_M: Final = 0.2  # m, radius within which votes count for the same pelvis; twice a vote's median error
-STRAY_M: Final = 0.7  # m; a vote farther from every pelvis belongs to nobody
+STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to no person
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
@@ -29,8 +29,8 @@ LEAST_AREA_M2: Final = 0.06
 
 LEAST_CERTAINTY: Final = 0.7
 """Minimum of ``FoundPerson.certainty``. On labelled images of real rooms (``docs/descriptor.md``), all people in plain
-view have a higher certainty. So do some objects (0.2 to 3 per image); these are rejected later, since the body model
-does not fit them (``tracker.patient_choice.HUMAN``).
+view have a higher certainty. Some objects (0.2 to 3 per image) also have a higher certainty. These objects are rejected
+later, since the body model does not fit them (``tracker.patient_choice.HUMAN``).
 """
 
 
@@ -145,8 +145,9 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the place (3,) with most weight of votes around it. The search starts at that one of about 200 votes for
-    which this weight is largest, and moves to the mean of the votes around it until the place stays the same.
+    """Return the place (3,) with most weight of votes around it. The search compares about 200 votes and starts at the
+    vote with most weight around it. It then moves to the mean of the votes around the place until the place stays the
+    same.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]

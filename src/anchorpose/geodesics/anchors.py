@@ -3,8 +3,8 @@
 Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, the height
 above the body's middle, and the distance to the left of the middle. (2) Its path to the centre: where the path enters
 the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the
-predicted place. The cost of (3) is bounded, so the prediction decides only if place and path do not, and a wrong
-prediction does not confirm itself.
+predicted place. The cost of (3) is bounded, so the prediction decides only if place and path leave the anchor open. A
+wrong prediction therefore does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -51,7 +51,8 @@ TOLERANCES: Final = np.array(
         [0.12, 0.12, 0.12, 0.10, 0.06],
     ]
 )
-"""Spread of each value in ``PLACES``, divided by the body height: arms move a lot, head and feet hardly."""
+"""Spread of each value in ``PLACES``, divided by the body height: large for arms, which move a lot, small for head and
+feet."""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
 """Distances of hands and feet from the head along their paths, in body heights; a hand above the head has 0.25."""
@@ -60,15 +61,15 @@ FROM_HEAD_TOLERANCE: Final = 0.20  # spread of each distance in ``FROM_HEAD``, d
 # The unit of all costs is one tolerance: the spread of a value, as in ``TOLERANCES``.
 MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
 PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
-# cost added for an anchor without a prediction; the limit ``MISSED`` then allows 3 tolerances from the usual place
+# cost added for an anchor without a prediction. The limit ``MISSED`` then allows 3 tolerances from the usual place
 UNPREDICTED: Final = 1.0
-# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. This is less than
-# ``MISSED``, so that an extremum near the prediction can be the anchor in any pose
+# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. It is less than
+# ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
 # get the anchor's name
 CLEAR: Final = 2.0
-# tolerances; larger differences from the usual value are cut to this, since an arm may be crossed or a path wrong
+# tolerances; a larger difference from a usual value counts as this much, since an arm may be crossed or a path wrong
 FARTHEST_OFF: Final = 3.0
 # cost added for hands and feet if no head is found, since their distances from the head are then missing
 HEADLESS: Final = 1.5
@@ -89,8 +90,8 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
     """Return the distance of each extremum from each anchor's usual place, and the distances between extrema.
 
     The first result is (k, 5) in squared tolerances: the sum over the five values of ``PLACES``, each limited to
-    ``FARTHEST_OFF``. The second is (k, k), divided by the body height, and measured down the path of one extremum,
-    straight across the trunk, and up the path of the other.
+    ``FARTHEST_OFF``. The second result is (k, k), in body heights. These distances run down the path of one extremum,
+    straight across the trunk, and up the path of the other extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -116,9 +117,9 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema: along one path to some place, straight from this place to a place on
-    the other path, and along the other path. Among all pairs of places (k, l, 3) on the two paths, the pair with the
-    least sum is used.
+    """Return the distance (k, k) between extrema. It is measured along one path to some place, straight from this place
+    to a place on the other path, and along the other path. The places (k, l, 3) on the two paths are chosen so that the
+    sum is least.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -134,8 +135,8 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     its value in ``off2`` (for hands and feet, plus the value of ``_off_head2``), plus at most ``PREDICTION`` for the
     distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if it
     is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to the usual place of another
-    anchor. The assignment is computed with each extremum as the head, and without a head; the one with the least cost
-    is returned.
+    anchor. An assignment is computed for each extremum as the head, and for a missing head; the assignment with the
+    least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -153,8 +154,8 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of the distances from usual places, ``off`` (k, 5) in tolerances, and from predicted
-    places, ``away`` (k, 5) in units of the gate.
+    """Return the cost (k, 5) of the distances from usual places and from predicted places. off (k, 5): distance from
+    the usual place, in tolerances; away (k, 5): distance from the predicted place, in units of the gate.
     """
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
@@ -211,8 +212,8 @@ class AnchorConfig:
     gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, divided by the body height; a head moves less than a hand, and the neck of a hidden head, which must
-# not be taken for the head, is 20 cm away
+# gate of the head, divided by the body height. It is smaller than the gate of a hand: a head moves less, and the neck
+# of a hidden head, 20 cm away, must not be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum this near to its prediction is the limb's end even if it lies at a
 # cut, or if hidden skin continues there
@@ -252,7 +253,7 @@ def find_anchors(
     frame = Frame(up, np.cross(up, facing), height_m)
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
-    excluded = no_end & ~(away < END_GATE)  # unless the end is predicted nearby: a hand on a rail ends at a cut
+    excluded = no_end & ~(away < END_GATE)  # but not if the end is predicted nearby: a hand on a rail ends at a cut
     excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
@@ -302,9 +303,9 @@ def no_anchors() -> Anchors:
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
     """Return (k, 5) bool: True where a cap cannot be an anchor.
 
-    If the cap's piece of surface contains hidden skin, this skin shows better than an edge in the depth frame whether a
-    limb continues beyond its cap. In such a piece every cap may be the head, since hidden skin continues beyond every
-    head.
+    If the cap's piece of surface contains hidden skin, this skin decides whether a limb continues beyond its cap. It is
+    more reliable than an edge in the depth frame. In such a piece every cap may be the head, since hidden skin
+    continues beyond every head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)

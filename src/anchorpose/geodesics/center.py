@@ -43,10 +43,10 @@ def center_field(surface: Surface) -> CenterField:
     """Return the field of geodesic distance from the centre, finite on every piece with enough seen skin.
 
     The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
-    pieces are joined one after another, each time the piece with the narrowest gap to the joined pieces (Euclidean
-    distance of nodes, hidden skin included). The distance at a node of such a piece is the sum of the distance at the
-    gap's other side, the width of the gap, and the distance along the piece. A piece that shows less than
-    ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
+    pieces are joined one after another. The next piece is always the piece with the narrowest gap to the joined pieces
+    (Euclidean distance of nodes, hidden skin included). The distance at a node of such a piece is the sum of the
+    distance at the gap's other side, the width of the gap, and the distance along the piece. A piece that shows less
+    than ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")

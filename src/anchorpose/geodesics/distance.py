@@ -5,8 +5,8 @@ distance from a triangle with two reached neighbours. The triangle is laid into 
 known distances from both neighbours; this is exact where the surface is flat. Across a link, the link's length is
 added.
 
-The usual algorithm takes one node after the other from a heap, which allows no parallel computation. Here the front
-advances in rounds. Nodes with a new distance wait. All waiting nodes below a round's distance threshold are active:
+The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
+rounds. Nodes with a new distance wait for a round. All waiting nodes below the round's distance threshold are active:
 each computes candidate distances (``fans``) of its ring (its eight neighbours), in parallel in the processor's vector
 registers. A node whose distance is reduced waits again, even if it was active before. The active nodes form a band
 along the front; it is narrower than an edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses
@@ -40,7 +40,7 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8), a row per value of a byte: the numbers of its eight bits, with the set bits first. Bit k stands for lane k,
+# (256, 8), one row per value of a byte: the numbers of the byte's eight bits, set bits first. Bit k stands for lane k,
 # a neighbour of the node (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
@@ -187,7 +187,8 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-# width of the active band, in mean edge lengths; narrower bands need more rounds, wider ones activate more nodes twice
+# width of the active band, in mean edge lengths; a narrower band needs more rounds, a wider band activates more nodes
+# twice
 BAND: Final = 0.7
 SAMPLED_EDGES: Final = 128  # number of edges sampled for the mean edge length; it affects only the speed
 

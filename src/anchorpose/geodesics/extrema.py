@@ -16,18 +16,17 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# number of a cap's farthest nodes; their mean distance is taken as the distance of the limb's end, since the distance
-# of a single node has half a centimetre of noise
+# number of a cap's farthest nodes whose mean distance counts as the distance of the limb's end; the distance of a
+# single node has half a centimetre of noise
 FARTHEST: Final = 10
-# a cap is a stump (the limb goes on behind an object in front) if at least this share of the cap's outer half lies at
-# the object's border (a cut). Beside a bar, all of the outer half lies there.
+# minimum share of a cap's outer half that lies at the border of an object in front (a cut), for the cap to be a stump:
+# the limb then continues behind the object. Beside a bar, all of the outer half lies at the cut.
 STUMP_SHARE: Final = 0.5
 # minimum length of hidden skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for the limb to continue
 # there; fingers without readings are shorter
 LONGER: Final = 1.5
 LONGER_AT_CUT: Final = 1.0  # as ``LONGER``, if an object stands in front of the end, such as a bar before a wrist
-# skin area that one hidden node stands for, divided by the area of a seen node: hidden nodes are 2.2 cm apart, seen
-# nodes 1.3 cm
+# skin area per hidden node, divided by the skin area per seen node: hidden nodes are 2.2 cm apart, seen nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
 LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a cap's centre, a quarter of the nodes' spacing
 SPREAD: Final = 0.20  # standard deviation of a cap's centre over frames, divided by the cap's radius
@@ -121,9 +120,9 @@ def find_caps(
 ) -> list[Cap]:
     """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
 
-    field (n,) float32: distance from the centre; a cap consists of the nodes whose distance is smaller by at most
-    ``depth_m`` than the mean of the cap's ten farthest nodes. cut (n,) bool: nodes at a border where something else
-    cuts the surface (``surface.border``).
+    field (n,) float32: distance from the centre. A cap consists of the nodes whose distance is at most ``depth_m`` less
+    than the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts
+    the surface (``surface.border``).
     """
     if len(extrema) == 0:
         return []

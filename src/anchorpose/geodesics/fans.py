@@ -1,5 +1,5 @@
-"""Prepare the fan of each node (its ring of up to eight neighbours, with edges and triangles), and compute the
-distances that the node can pass on to these neighbours.
+"""Prepare the fan of each node, and compute the distances that the node can pass on to its neighbours. A node's fan is
+its ring of up to eight neighbours, with edges and triangles.
 
 The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
 computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
@@ -20,16 +20,16 @@ from anchorpose.surface.surface import MeshArrays
 
 LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # for each lane, its neighbour's place in the ring
-LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of the side in its left triangle
+LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of its left triangle's side
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
 # first column of each kind of value in a fan, eight columns (lanes) each: squared edge length, dot product of the edge
 # with the edge to the left side, and with the edge to the right side; FAN is the number of columns
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
-# first columns in a row of ``Rows``, after the fan. Per lane: squared edge, distance and bend of the side in its left
-# and in its right triangle (the first two lanes have the same right sides as the last two have left sides, so these
-# columns are shared); distance of the neighbour; candidate distance and its bend. Then the node's own values, the
-# updated lanes as bits, and the number of columns.
+# first columns in a row of ``Rows``, after the fan. Per lane, they hold the squared edge, distance and bend of the side
+# in its left and in its right triangle; then the distance of the neighbour; then the candidate distance and its bend.
+# (The right sides of the first two lanes are the left sides of the last two lanes, so these columns are shared.) Then
+# follow the node's own values, the updated lanes as bits, and the number of columns.
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
 WIDE: Final = 4  # number of float32 columns in a complex128 number, the unit in which rows are copied
@@ -46,11 +46,12 @@ TWO: Any
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
-"""Factor on 1 - cos of the angle by which a path turns at the surface's rim. The product is 1 at 4 degrees; at larger
-angles, the front starts again from the rim as from a source. The pixel steps of a straight rim turn paths by less.
+"""Factor on 1 - cos of the angle by which a path turns at the surface's rim. The product is 1 at 4 degrees. At larger
+angles, the front starts again from the rim as from a source. The pixel steps of a straight rim turn paths by less than
+4 degrees.
 """
 
-FUSED: Final = {"contract", "nsz", "arcp"}  # numba's flags: fused and reordered products are allowed, but NaN stays NaN
+FUSED: Final = {"contract", "nsz", "arcp"}  # numba's flags: products may be fused and reordered, but NaN stays NaN
 
 
 class Fans(NamedTuple):
@@ -87,7 +88,7 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of active nodes that no earlier round filled; thus a march that stops early fills few fans."""
+    """Fill the fans of active nodes that no earlier round filled, so that a march that stops early fills few fans."""
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -148,8 +149,8 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the columns from ``at`` on: first, per lane, the value of the side in its
-    left triangle (``LEFT``), then the value of the side in its right triangle (``RIGHT``).
+    """Copy the values of the four sides to the columns from ``at`` on. The first columns get, per lane, the value of
+    the side in its left triangle (``LEFT``); the next columns, of the side in its right triangle (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -192,14 +193,14 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, its bend (as in ``Front``), and how sharply the path turns at
-    the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
+    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply the
+    path turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
     them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``
-    = 2 c y; ``area`` is c times the neighbour's height over the edge. A front that turned around the rim comes from the
-    turning point, so the distance at that point (``since``) is subtracted first and added again at the end. The
-    candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
+    = 2 c y; ``area`` is c times the neighbour's height over the edge. If the front has turned around the rim, it comes
+    from the turning point. So the distance at this point (``since``) is subtracted first and added again at the end.
+    The candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since

@@ -18,8 +18,8 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Return a, b and share, which state from where a node's path comes: from the point (1 - share) a + share b on an
-    edge of the node's ring, or from a single node (a = b).
+    """Return a, b and share, which give the point from which a path reaches a node: (1 - share) a + share b on an edge
+    of the node's ring, or a single node (a = b).
 
     points (n, 3 or more) float32: the places in the first columns; ring to link_length: fields of ``MeshArrays``,
     passed separately because this is called for every node; distance (n,) float32: the field.
@@ -51,8 +51,8 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Return the distance of a node across the edge a-b, with the triangle laid flat, and where the path crosses the
-    edge, as a share of the way from a to b. The distance is inf if the path misses the edge.
+    """Return the distance of a node by a path across the edge a-b, with the triangle laid flat. Also return where the
+    path crosses the edge, as a share of the way from a to b. The distance is inf if the path misses the edge.
     """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):

@@ -3,8 +3,9 @@
 A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
 bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
 plane, with the anchor at the origin and the path's first piece along the first axis; there the path is a chain of
-straight pieces. Over the complete skin, the path would be the straight line from the anchor to the node, the chord; the
-detour is the path's length minus this chord. The computation assumes that the hole is as flat as the skin around it.
+straight pieces. Over the complete skin, the path would be the chord: the straight line from the anchor to the node. The
+detour is the path's length minus the length of this chord. The computation assumes that the hole is as flat as the skin
+around it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numba import njit
 from anchorpose.geodesics.paths import adjoin, apart, by_distance, came_from, is_bare, open_nodes
 from anchorpose.surface.surface import MeshArrays, Surface
 
-POINT, NORMAL, SKIN = 0, 3, 6  # first columns of place and normal in ``skin``, and its number of columns
+POINT, NORMAL, SKIN = 0, 3, 6  # in ``skin``: first column of the point and of the normal, number of columns
 PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # first columns of ``bend`` (see below), and its number of columns
 CORNER, ROOT, CHAIN = 0, 1, 2  # columns of ``chain`` (see below), and their number
 """Columns of the arrays in which the kernels keep the values of the n nodes.
@@ -28,8 +29,9 @@ references at every call took four fifths of the computing time.
 - skin (n, 6) float32: point and normal.
 - bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow's node in the plane into
   which its path is laid flat; HEADING: direction of the last piece; SIDE: 1 or -1, the side to which a path bends.
-- chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 so deep in a shadow that
-  it is not computed; ROOT: the rim node at which the path bends first, which identifies the plane.
+- chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 if the node is so deep
+  in a shadow that the corner is not computed; ROOT: the rim node at which the path bends first, which identifies the
+  plane.
 """
 
 
@@ -200,11 +202,11 @@ def trusted_anchors(
 
     descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
     something else ends the surface, ``surface.border.border(...) == Border.CUT``. A few nodes beside the border may be
-    marked too, since paths bend only at nodes with an open ring of neighbours. The body's own outline is not a rim: it
-    is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf) anchors are
-    not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), fewer anchors are
-    trusted than possible: the path over the complete skin would have bent at the outline too, so the true detour is
-    shorter than computed.
+    True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is not a rim: it is the
+    same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf) anchors are not
+    trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), the computed detour is
+    too long: the path over the complete skin would bend at the outline, too. Fewer anchors are then trusted than
+    possible.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -245,7 +247,7 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        # nodes whose path may bend: rim nodes, and nodes next to a rim or shadow node that is nearer to the anchor
+        # nodes whose path may bend: open rim nodes, and nodes next to a rim or shadow node that is nearer to the anchor
         affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)
@@ -315,8 +317,8 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """Return the least detour among the neighbours nearer to the anchor; the node's path passes between two of these
-    neighbours.
+    """Return the least detour among the node's neighbours that are nearer to the anchor; the node's path passes between
+    two of them.
     """
     least = np.inf
     for k in range(8):

@@ -18,13 +18,14 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# sigmas of a single reading; a pixel is foreground if the median of its 3x3 neighbourhood lies in front of the room by
-# more than this. Such a median has 0.4 times the sigma of a single reading, so the gate is five sigmas of the median.
+# sigmas of a single reading. A pixel is foreground if the median of its 3x3 neighbourhood lies in front of the room by
+# more than this gate. Such a median has 0.4 times the sigma of a single reading, so the gate is five sigmas of the
+# median.
 BACKGROUND_GATE: Final = 2.0
 # sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
-# is not used here, since thin bars are no wider than three pixels
+# is not used here, since thin bars are at most three pixels wide
 EQUIPMENT_GATE: Final = 3.0
-# m, assumed error of the equipment's predicted surface: its model was measured by hand, its pose was estimated
+# m, assumed error of the equipment's predicted surface: the model was measured by hand, and the pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
 _SQUARE: Final = np.ones((3, 3), np.uint8)
 
@@ -56,7 +57,7 @@ class BackgroundModel:
     sensor: Sensor
     source: BackgroundSource
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    # share of the pixels with a known room depth that show the room (median over frames); 0 = unknown
+    # share, among the pixels with a known room depth, of pixels that show the room (median over frames); 0 = unknown
     usual_share: float = 0.0
 
 
@@ -64,8 +65,8 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     """Return the background's depth at each pixel of a frame, and the standard deviation of readings of the background,
     (height, width) float32 metres each.
 
-    depth_m: the frame's readings. The background at a pixel is the layer (an object that rests there at this time) or,
-    without a layer or if the reading lies behind the layer, the room. If time_s is None, layers are ignored.
+    depth_m: the frame's readings. The background at a pixel is the layer, if an object rests there at this time. It is
+    the room if no object rests there, or if the reading lies behind the object. If time_s is None, layers are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -83,9 +84,9 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
     The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. A median
     of two sigmas along the ray suffices (``BACKGROUND_GATE``). Where rays graze the floor, two sigmas are a centimetre
-    of height, so even the sole of a shoe on the floor is found. A pixel that is nearer by ``JUMP_GATE`` sigmas is
-    foreground whatever the median is, since fingers and corners of the outline fill less than half of the window. Where
-    the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
+    of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by ``JUMP_GATE``
+    sigmas is foreground for any median, since fingers and corners of the outline fill less than half of the window.
+    Where the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -150,11 +151,11 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
     """Return (height, width) bool: pixels that show the equipment; the patient may be hidden behind it.
 
-    These are pixels whose reading lies between ``low_m`` and ``high_m``, and pixels without a reading where the
-    equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background itself
-    shows the equipment (``measured``), a pixel of the foreground is never equipment. Fingers around a bar stand out by
-    less than the sum of the equipment model's error and one pixel's noise, so their readings may lie between ``low_m``
-    and ``high_m`` too.
+    The mask has the pixels with a reading between ``low_m`` and ``high_m``, and the pixels without a reading at which
+    the equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background
+    itself shows the equipment (``measured``), a pixel of the foreground is never equipment. The reason is that fingers
+    around a bar stand out by less than the sum of the equipment model's error and one pixel's noise. So their readings
+    may lie between ``low_m`` and ``high_m``, too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

@@ -15,16 +15,16 @@ from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
 SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; this is 2 cm at a distance of 2.5 m
-# m, side of the cubes in which newly seen skin replaces remembered skin; also the minimum distance by which a reading
-# must lie in front of remembered skin for this skin to count as hidden
+# m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin counts as hidden if a reading
+# lies in front of it by at least this distance
 CELL_M: Final = 0.05
 MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered: as long as another person takes to pass in front
 SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
 # Walking people move faster; region growing finds their skin.
 SPEED_M_S: Final = 0.30
-# m, maximum gap within one cluster of skin points: as wide as the strip that a rail hides, so that a head above a rail
-# still belongs to the body below it
+# m, maximum gap within one cluster of skin points. It is as wide as the strip that a rail hides, so that a head above a
+# rail belongs to the same cluster as the body below
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
 # mean number of grid cubes that a surface passes through, per area of one cube's face; it converts a number of cubes to
@@ -117,7 +117,7 @@ def update_memory(
     """Update the memory by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
-    Clusters too small for a person are dropped, so that an arm or head that got a wrong label does not keep it.
+    Clusters too small for a person are dropped, so that an arm or head with a wrong label does not keep this label.
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)

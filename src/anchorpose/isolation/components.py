@@ -29,8 +29,9 @@ class JumpLimit(NamedTuple):
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """Return the limit of depth differences for a sensor with noise ``noise_per_m z^2``: the change of depth per pixel
-    on the steepest surface, plus ``JUMP_GATE`` standard deviations of the difference between two readings.
+    """Return the limit of depth differences for a sensor with noise ``noise_per_m z^2``. The limit is the change of
+    depth per pixel on the steepest surface, plus ``JUMP_GATE`` standard deviations of the difference between two
+    readings.
     """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 
@@ -47,7 +48,7 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. Callers give int64, so that it is compiled once."""
+    """Return the root of a node's set, and shorten the path to it. Callers pass int64, so it is compiled once."""
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]

@@ -4,8 +4,8 @@ of edges, and false ramps between surfaces.
 Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
 Noise is measured on pixels that show the empty room in two sampled frames, since these differ only by noise. Second
-differences along a row (``first_frames``) would miss the error that neighbouring pixels share. A stereo camera's error
-is the same within patches as wide as its matching window, so it hardly averages out over a limb.
+differences along a row (``first_frames``) would miss the error that neighbouring pixels share. The error of a stereo
+camera is the same within a patch as wide as its matching window. So this error hardly averages out over a limb.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class DepthDetail:
 
     @property
     def limbs_until_m(self) -> float:
-        """Return the distance beyond which edges are wider than a limb, so that no pixel has a limb's own depth."""
+        """Return the distance beyond which edges are wider than a limb, so that no pixel has the depth of the limb."""
         return LIMB_M * self.focal_px / self.edge_px
 
 
@@ -122,8 +122,7 @@ BIN_M: Final = 0.5  # m, width of the depth bins; noise is measured per bin
 # degrees between ray and surface normal; surfaces up to the first angle are called "facing", up to the second
 # "slanted", beyond it "steep"
 SLANTS_DEG: Final = (35.0, 60.0)
-# minimum number of readings per depth bin and slant; with these, sigma is known to 10 % even if 40 readings share one
-# error
+# minimum number of readings per depth bin and slant; sigma is then known to 10 % even if 40 readings share one error
 LEAST_READINGS: Final = 2000
 LONGEST_PX: Final = 24  # pixels, maximum distance between two pixels whose errors are compared
 UNRELATED: Final = 0.05  # correlation below which pixels count as independent, since a smaller value may be chance
@@ -157,8 +156,8 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factor on sigma at each slant. A class of slants without a measured factor gets the factor of the
-        next less slanted class.
+        """Return the factor on sigma at each slant. If a class of slants has no measured factor, it gets the factor of
+        the class with the next smaller slant.
         """
         times = [1.0]
         for slant in self.slants:
@@ -228,8 +227,8 @@ def measure_noise(
 
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest depth (height, width) of the room within ``EDGE_PX`` of each pixel; 0 and inf
-    if the room is unknown anywhere in this neighbourhood.
+    """Return the nearest and the farthest depth (height, width) of the room in each pixel's neighbourhood, which
+    extends ``EDGE_PX`` to each side. Return 0 and inf if the room is unknown anywhere in it.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
@@ -265,7 +264,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # sigma is measured on facing surfaces or, if none is seen, on the least slanted surfaces; it is then too large
+    # sigma is measured on facing surfaces; if no facing surface is seen, on the least slanted surfaces, where it is
+    # larger
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -303,14 +303,15 @@ def _shared(in_sigmas: np.ndarray) -> float:
 
     in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed by rings of
     equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed (by Fourier
-    transforms), since a few lags would not show a correlation that is a narrow peak on top of a broad one.
+    transforms): a correlation may be a narrow peak on top of a broad peak, which a few lags would not show.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)
     related = _at_lags(value) / np.maximum(np.rint(_at_lags(seen.astype(np.float32))), 1.0)
     rows, columns = np.ogrid[: related.shape[0], -LONGEST_PX : LONGEST_PX + 1]
     ring = np.rint(np.hypot(rows, columns)).astype(np.int64)
-    # opposite lags have the same correlation, so one of each pair is summed and counts twice; lag 0 counts once
+    # opposite lags have the same correlation, so only one lag of each pair is summed and counts twice; lag 0 counts
+    # once
     twice = np.where((rows > 0) | (columns > 0), 1.0, 0.5) * ((rows > 0) | (columns >= 0))
     weight = np.bincount(ring.ravel(), twice.ravel())[: LONGEST_PX + 1]
     total = np.bincount(ring.ravel(), (twice * related).ravel())[: LONGEST_PX + 1] / related[0, LONGEST_PX]

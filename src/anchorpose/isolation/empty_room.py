@@ -40,23 +40,23 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
-# minimum number of readings in a block; with these, the sigma, computed from a median, has an error of a sixth
+# minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth
 READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
-# if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ; if
-# a pixel has readings of passers-by only, fewer frames have a reading
+# if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ. At
+# a pixel that reads only passers-by, fewer frames have a reading
 OFTEN_READ: Final = 0.5
 SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
 # percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-# m; a surface up to this far outside the equipment's outline on the ground may be the patient's arms over the rails, or
-# the patient's back
+# m; a surface at most this far outside the equipment's outline on the ground may be the patient: arms over the rails,
+# or the back
 LEAN_M: Final = 0.25
 HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
-# m above the floor; lower surfaces count as floor. The floor's plane may be off by this height; a foot is three times
-# as high.
+# m above the floor; lower surfaces count as floor. The floor's plane may have an error of this height; a foot is three
+# times as high.
 SOLE_M: Final = 0.015
 
 
@@ -71,8 +71,8 @@ def learn_background(
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     needs a pose. Without an empty frame, the background of a pixel is the farthest surface that it shows in enough
-    frames; readings on people, whom the learnt descriptor finds, are left out. floor_height_m: None if no floor is
-    seen. The equipment is used only without an empty frame. Raises ValueError without frames.
+    frames; readings on people are left out; the learnt descriptor finds these people. floor_height_m: None if no floor
+    is seen. The equipment is used only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
         raise ValueError("a background needs at least one frame of the recording to measure the noise on")
@@ -151,7 +151,7 @@ def _fill_specks(depth_m: np.ndarray) -> np.ndarray:
 def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: float) -> np.ndarray:
     """Return the standard deviation (height, width), metres, of readings on the background, measured block by block.
 
-    Only readings *behind* the background are used: nobody can stand there, so their distance from the background is
+    Only readings *behind* the background are used: no person can be there, so their distance from the background is
     noise. This distance has a half-normal distribution, and its median gives the standard deviation. Blocks that people
     always cover get the image's median of sigma / z^2.
     """
@@ -189,7 +189,8 @@ def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
     """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
-    grey values: room and reading are each rounded by half a step, so neighbouring values may show the same depth.
+    grey values. Room and reading are each rounded by half a step, so two neighbouring grey values may stand for the
+    same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 

@@ -12,8 +12,8 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# 1/m3, number of pieces of surface per volume near a patient that have no owner and do not show the patient; simulated
-# clinics have 1 to 3
+# 1/m3, density near a patient of pieces of surface that have no owner and do not show the patient; simulated clinics
+# have 1 to 3
 CLUTTER_PER_M3: Final = 3.0
 
 
@@ -26,9 +26,9 @@ class HiddenSkin:
     part: np.ndarray  # (n,) int, the segment to which the point belongs: half of a limb or of the trunk
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
-        """Return (m,) 1/m3: for each place (m, 3), the probability density that a visible piece of a limb has its
-        centre there. At each place, the segment (``part``) with the highest density counts. A piece may show any point
-        of a segment.
+        """Return (m,) 1/m3: for each place (m, 3), the probability density that the centre of a visible piece of a limb
+        lies there. A piece may show any point of a segment (``part``). At each place, the segment with the highest
+        density counts.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3

@@ -18,18 +18,18 @@ from anchorpose.recording.recording import FrameSet
 
 SENTENCE: Final = "shows another place than usual: it was covered, or moved, for a moment"
 STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
-# maximum difference between the room and a reading of it: the larger of SAME_M (metres), since the learnt room may be
-# wrong by one step between depth values, and SAME_SIGMAS standard deviations
+# maximum difference between the room and a reading of the room: SAME_M (metres) or SAME_SIGMAS standard deviations,
+# whichever is larger. SAME_M allows for an error of the learnt room by one step between depth values
 SAME_M, SAME_SIGMAS = 0.05, 6.0
 FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
 # minimum share of the image in which the room is known; if a recorder removes the room, only some objects are left
 LEAST_KNOWN: Final = 0.2
 LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; the images of cameras with less are not tested
-# factor on ``usual_share``; if less than this part of the usual share of pixels shows the room, the camera is covered;
-# a passer-by near the camera leaves half
+# factor on ``usual_share``; the camera is covered if a smaller share of pixels than this product shows the room. A
+# passer-by near the camera leaves half of the usual share
 COVERED: Final = 0.05
-# factor on ``usual_share``; if less than this part of the usual share of pixels shows the room, and many readings lie
-# behind the room, the image shows another place
+# factor on ``usual_share``; the image shows another place if a smaller share of pixels than this product shows the
+# room, and many readings lie behind the room
 MOVED: Final = 0.6
 # maximum share of the room's pixels with readings behind the room; walking people cause 0.002, moved furniture 0.04
 MOST_BEHIND: Final = 0.05

@@ -1,5 +1,5 @@
-"""Decide by likelihood the owner of each seen point (place): the person whose skin it shows. The skin of each person is
-expected where it is predicted, or else where it was seen last.
+"""Decide by likelihood the owner of each seen point (place): the person whose skin the point shows. The skin of a
+person is expected at its predicted place or, without a prediction, where it was seen last.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numba import njit
 
 NOBODY: Final = 0
 MIXED: Final = 255  # label of a cell with skin of several people
-# m, side of a cell; skin is searched in a place's cell and the 26 around it, so all skin within this distance is found
+# m, side of a cell; skin is searched in a place's cell and the 26 cells around, so all skin nearer than this is found
 CELL_M: Final = 0.035
-# m, half the spacing of skin points; a place at this distance from the nearest point may still be on the skin
+# m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; a place farther from every point of skin gets its owner by region growing
-# minimum lead of the most likely owner over all other people, as a difference of the quantity (d / sigma)^2 + 2
-# log(sigma) that ``decide_ownership`` compares
+GATE: Final = 3.0  # sigmas; a place farther than this from all skin points gets its owner by region growing
+# minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
+# 2 log(sigma), which ``decide_ownership`` compares
 LEAST_LEAD: Final = 2.0
 
 

@@ -18,11 +18,11 @@ from anchorpose.isolation.view import PixelLabel
 
 # m, minimum length of the border between a stray piece and the person whose surface it continues, a wrist's width
 LEAST_CONTACT_M: Final = 0.05
-# minimum length of a stray piece's border, as a factor on the square root of its area; half a head borders on the other
-# half along its longest side, a forearm on the rest of the body along a shorter side
+# minimum length of the border of a stray piece, as a factor on the square root of its area. Half a head borders on the
+# other half along its longest side; a forearm borders on the rest of the body along a shorter side
 LEAST_CONTACT: Final = 1.0
-# m2, maximum area of a stray piece, a head's area; the patient's leg below a bar may border on a person who kneels in
-# front, but the leg is larger, so it remains the patient's
+# m2, maximum area of a stray piece, the area of a head. The patient's leg below a bar may border on a person who kneels
+# in front. But the leg is larger than this, so it keeps the patient's label
 LARGEST_M2: Final = 0.03
 
 
@@ -62,7 +62,7 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
 
 # m, minimum length of the border between a part of the patient and the patient's other pixels, a wrist's width
 PART_CONTACT_M: Final = 0.05
-# m; pixels this near to a point of predicted skin lie on the skin; this allows for point spacing, clothes and movement
+# m; pixels this near to a point of predicted skin count as on the skin, to allow for spacing, clothes and movement
 ON_SKIN_M: Final = 0.05
 LAST_LABEL: Final = 254  # the largest person label
 
@@ -70,10 +70,10 @@ LAST_LABEL: Final = 254  # the largest person label
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
     """Label parts of the patient that have another person's label as the patient again; return the label of each node.
 
-    A label stands for another person if a body model is fitted to that person (``expected`` then has this person's
-    skin), or if the label's pixels off the patient's predicted skin have enough area for a person. Otherwise the
-    label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are connected to the
-    patient.
+    In two cases, a label stands for another person: if a body model is fitted to this person (``expected`` then has
+    this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a person.
+    Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are
+    connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -87,9 +87,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels are a part of the patient: most lie on the patient's predicted skin (``skin``, a
-    KD-tree), they are connected to the patient's pixels, and the pixels off this skin have too little area for a
-    person.
+    """Return whether a label's pixels are a part of the patient. Three conditions must hold: most of the pixels lie on
+    the patient's predicted skin (``skin``, a KD-tree), they are connected to the patient's pixels, and the pixels off
+    this skin have too little area for a person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):

@@ -26,12 +26,12 @@ class IsolationConfig:
 
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Minimum share of the area of a person, as found by the descriptor, that is foreground; it is tested only if this
-foreground is smaller than ``LEAST_AREA_M2``. People have 0.5 to 0.9 and not 1, since rays at the outline have no
-foreground pixel at their depth; parts of the room that were taken for people had 0.1 and 0.16.
+"""Minimum share of foreground in the area of a person found by the descriptor. The share is tested only if the
+foreground is smaller than ``LEAST_AREA_M2``. People have shares of 0.5 to 0.9 and not 1, since rays at the outline have
+no foreground pixel at their depth; parts of the room that were mistaken for people had 0.1 and 0.16.
 """
 
-EDGE_M: Final = 0.1  # m, maximum depth difference of a pixel and its nearest ray; if larger, an outline lies between
+EDGE_M: Final = 0.1  # m, maximum depth difference of a pixel and its nearest ray; beyond, an outline separates both
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ class PatientChoice:
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel gets the number of the person at the descriptor's nearest ray, -1 if nobody is found there.
+    A pixel gets the number of the person at the descriptor's nearest ray, -1 if this ray shows no person.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)
@@ -122,8 +122,8 @@ def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray 
 
 
 def _person_seen(number: int, found: FoundPerson, shown: Sequence[tuple[Pieces, np.ndarray]]) -> Person | None:
-    """Return the found person with this number, measured on the person's foreground pixels; None if these pixels are
-    too few: then the descriptor took a part of the room for a person.
+    """Return the found person with this number, measured on the person's foreground pixels. Return None if these pixels
+    are too few: the descriptor then mistook a part of the room for a person.
     """
     heights = np.concatenate([pixels.points_m[own == number, 1] for pixels, own in shown])
     area_m2 = sum(float(pixels.area_m2[own == number].sum()) for pixels, own in shown)

@@ -14,12 +14,12 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# additional cost of growing into a crease, for each sigma by which the crease is deeper than CREASE_SIGMAS; the unit is
-# the cost of a step to the next pixel
+# additional cost of growing into a crease, per sigma of its depth beyond CREASE_SIGMAS; the unit of cost is one step to
+# the next pixel
 CREASE_COST: Final = 4.0
 CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with depths this far away on both sides: a finger at 2.5 m
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a valley deeper than this is a crease
-DEEPEST: Final = 60  # maximum additional cost of one step into a crease, in steps; a forearm is this many pixels long
+DEEPEST: Final = 60  # maximum additional cost of a step into a crease, in steps: the length of a forearm in pixels
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:

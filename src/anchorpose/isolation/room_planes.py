@@ -18,11 +18,11 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
 PLANES: Final = 6  # maximum number of planes that are searched for: floor, ceiling and the walls in view
-TRIALS: Final = 200  # draws of three points for each plane; a plane with a fifth of all points is hit once in 125 draws
+TRIALS: Final = 200  # draws of three points per plane; one in 125 draws hits a plane with a fifth of all points
 VOTERS: Final = 5000  # number of sampled points against which each plane is tested
 # minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
 LEAST_SHARE: Final = 0.03
-MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall; ideally, no reading does
+MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall; it is 0 in an ideal image
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
@@ -177,7 +177,7 @@ def _within(mask: np.ndarray) -> np.ndarray:
 
 
 def with_wall(scene: Scene, wall: Wall, gap: np.ndarray) -> Scene:
-    """Return the scene with the wall in place of the gap (height, width), so that nobody is seen beyond the wall."""
+    """Return the scene with the wall in place of the gap (height, width), so that no person is seen beyond the wall."""
     model = scene.background
     depth_m = np.where(gap, wall.depth_m, model.depth_m)
     sigma_m = np.where(gap, model.sensor.noise.sigma_m(wall.depth_m).astype(np.float32), model.sigma_m)

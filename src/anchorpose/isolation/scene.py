@@ -29,8 +29,8 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
 SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
-# m above the lowest pixel of people; up to this height, readings of feet may be missing: the height of an ankle, plus
-# the part of a foot that a recorder removes with the floor
+# m above the lowest pixel of people, maximum height at which readings of feet may be missing: the height of an ankle,
+# plus the part of a foot that a recorder removes with the floor
 FEET_M: Final = 0.3
 # m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
 LEAST_M2: Final = 0.15
@@ -90,7 +90,7 @@ class Pieces:
     """The people's pixels of one camera's frame in connected pieces; people are not separated yet."""
 
     depth_m: np.ndarray  # (height, width) float32
-    # (height, width) uint8 of ``PixelLabel``; CLUTTER where a person may be, before people are separated
+    # (height, width) uint8 of ``PixelLabel``; before people are separated, pixels that may show a person have CLUTTER
     labels: np.ndarray
     index: np.ndarray  # (height, width) int32, number of each foreground pixel, -1 = not foreground
     row: np.ndarray  # (n,) int32, row of each foreground pixel
@@ -188,11 +188,10 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 
 
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return (height, width) bool: pixels without a reading that show no person, since the recorder removed them as
-    part of the room.
+    """Return (height, width) bool: pixels that have no reading because the recorder removed them as part of the room.
 
-    Recorders that remove the room also remove feet together with the floor. So pixels up to ``FEET_M`` above the lowest
-    foreground pixel, and all pixels below, are left out.
+    Such recorders also remove feet together with the floor. So the result leaves out the pixels up to ``FEET_M`` above
+    the lowest foreground pixel, and all pixels below.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

@@ -1,5 +1,5 @@
-"""Label each pixel with a person: the owner of the most likely skin there, else the person to whom the pixel is
-connected without a crease, else the nearest person (transient occlusion; paper, Section III).
+"""Label each pixel with a person (transient occlusion; paper, Section III). The label is the owner of the most likely
+skin there, else the person to whom the pixel is connected without a crease, else the nearest person.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels; near skin of several people, likelihoods decide in every second row and column; regions grow over the rest
+# pixels; near skin of several people, likelihoods decide pixels in every second row and column; regions grow over the
+# other pixels
 DECISION_PX: Final = 2
 # m, maximum distance of a detached piece from its person: a bar's width plus the distance that a hidden forearm moves
 DETACHED_M: Final = 0.12
-# m, added in quadrature to the standard deviation of the remembered skin of people to whom no body is fitted, so that
-# remembered skin does not win against skin predicted from a body
+# m, added in quadrature to the standard deviation of remembered skin of people without a fitted body, so that this skin
+# does not win against skin predicted from a body
 UNSUPPORTED_SIGMA_M: Final = 0.04
 FIRST_EARLIER_LABEL: Final = 128  # first label of people who are first seen in the backward pass
 
@@ -54,8 +55,8 @@ def by_distance(people: People, ground_xz_m: np.ndarray) -> np.ndarray:
 def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndarray) -> tuple[View | None, ...]:
     """Label each camera's pixels by person.
 
-    order (k,): numbers of the people; the first becomes the patient. Pixels at which the descriptor finds nobody join
-    the person to whom they are connected, up to the creases between touching people.
+    order (k,): numbers of the people; the first becomes the patient. Pixels at which the descriptor finds no person
+    join the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
     label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
@@ -155,9 +156,9 @@ def _with_newcomers(
     next_label: int,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Give newcomers a label; return all owners. A newcomer is a person, found by the descriptor, most of whose pixels
-    have no owner. The label is new, or the patient's label if most of these pixels lie where the patient was seen last:
-    then the patient's predicted place was wrong.
+    """Give newcomers a label; return all owners. A newcomer is a person that the descriptor finds at pixels of which
+    most have no owner. The label is new. But if most of these pixels lie where the patient was seen last, the patient's
+    predicted place was wrong, and the newcomer gets the patient's label.
     """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:

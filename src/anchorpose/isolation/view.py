@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PixelLabel(IntEnum):
-    """What a pixel shows. Labels from ``OTHER_PERSON`` on are other people, one label per person."""
+    """The label of a pixel. Each label from ``OTHER_PERSON`` on stands for one person other than the patient."""
 
     NO_READING = 0
     BACKGROUND = 1

@@ -9,7 +9,7 @@ X, Y and Z of the heading frame at each moment; the fourth is the heading, radia
 
 A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
 is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
-recording), and its poses are interpolated on demand.
+recording). The poses of a sub-list are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of successive sub-lists (short series of poses) in a segment. The search has one lower bound for the costs
-# (differences from the patient's last poses) of a whole segment; the bound is looser for larger segments, so more
-# sub-lists must be tested
+# number of successive sub-lists (short series of poses) in a segment. The search computes one lower bound for the costs
+# (differences from the patient's last poses) of all sub-lists in a segment. The larger the segments, the looser the
+# bounds, and the more sub-lists must be tested
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal components for the lower bounds, which reach nine tenths of the costs
+COLUMNS: Final = 16  # number of principal components for lower bounds; the bounds reach nine tenths of the costs
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -42,7 +42,7 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; those of one clip and speed are contiguous, in the order of time."""
+    """All w sub-lists; sub-lists of the same clip and speed are contiguous, in the order of time."""
 
     place: np.ndarray  # (w,) float64, row of ``theta`` at which the newest pose is, possibly between two rows
     stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording
@@ -59,8 +59,8 @@ class MotionDatabase:
     """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
-    # number of a pose vector's columns, from its first one on, that are compared to find similar poses; the other
-    # columns, the path, are only predicted
+    # number of columns, counted from a pose vector's first, that are compared to find similar poses; the other columns
+    # (the path) are only predicted
     compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; poses differ mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal, principal directions of the poses
@@ -93,8 +93,9 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) about Y from world X to the trunk's heading, which is perpendicular to the line between the
-    hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are unknown.
+    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is perpendicular to the line
+    between the hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are
+    unknown.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -205,7 +206,7 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; larger values are not in mm
+# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; a larger value is not in mm
 FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
@@ -228,8 +229,8 @@ DERIVED: Final = {
     "HandRight": ("ElbowRight", "WristRight", 1.15),
     "Neck": ("SpineShoulder", "Head", 0.31),
 }
-"""Joints that a file may lack. Each is placed on the line through two other joints, at this share of the way from the
-first to the second. The shares were measured on the mean adult of the shipped body model.
+"""Joints that a file may lack. Each of them is placed on the line through two other joints, at the stated share of the
+way from the first to the second joint. The shares were measured on the mean adult of the shipped body model.
 """
 
 
@@ -298,7 +299,7 @@ def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
     """Read the clips of a skeleton file and convert them to our 21 joints.
 
     rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of the
-    bones that begin at the joints; hands and neck may be derived from other joints, as a note then states. Raises
+    bones that begin at the joints; hands and neck may be derived from other joints, and a note then states this. Raises
     InputError if a joint is missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)

@@ -30,7 +30,7 @@ from anchorpose.motion.database import (
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
 _SEEDS: Final = 16  # number of segments (groups of sub-lists) searched first, to get a first limit of the cost
-# factor on lower bounds, and metres subtracted from them, since single precision may round a bound up
+# factor on lower bounds, and metres that are subtracted from lower bounds, since single precision may round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
 
@@ -57,12 +57,12 @@ def best_sublists(
     clip is long enough.
 
     The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), the Euclidean distances of k poses, plus
-    ``displacement_weight * k`` times the distance between the displacements over the history, since the same pose
-    occurs in movements of any direction and speed. history (k, d): the newest pose last. Only sub-lists that are
-    followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best costs are skipped. The
-    result is still exact, since k distances sum up to at least k times the distance of the means, and omitted columns
-    only lower this bound. Among equal sub-lists, the earlier is taken. A column that is missing anywhere in the history
-    is not compared; then every sub-list is tested.
+    ``displacement_weight * k`` times the distance between the displacements over the history. The displacements are
+    included, since the same pose occurs in movements of any direction and speed. history (k, d): the newest pose last.
+    Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best
+    costs are skipped. The result is still exact: the sum of k distances is at least k times the distance of the means,
+    and omitted columns only lower this bound. Among equal sub-lists, the earlier is taken. A column with a missing
+    value anywhere in the history is not compared; every sub-list is then tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -203,11 +203,11 @@ def _cost(
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
 DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb reverses within a few tenths of a second
-# share of the velocity difference (patient minus matches) that is added to the matches' velocity; with 1, all noise of
-# the difference would be added
+# share of the velocity difference (patient minus matches) that is added to the matches' velocity. It is below 1, since
+# the difference is noisy
 OWN_VELOCITY: Final = 0.8
-# number of newest frames on which each of ``SPANS`` is tested: each frame is predicted from the frames before it, and
-# the errors (of about 60 columns) determine the span's weight
+# number of newest frames on which each of ``SPANS`` is tested. Each frame is predicted from the frames before; the
+# errors of these predictions (of about 60 columns) determine the span's weight
 _CHECKED_STEPS: Final = 6
 # a span's weight is 1 / (squared error to this power), so a squared error that is larger by a fifth halves the weight
 _SHARPNESS: Final = 4
@@ -235,9 +235,9 @@ class MotionConfig:
     # factors on the speed of reference movements, in steps of half an octave
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
-    # number of similar sub-lists that are averaged; a single one would add its noise, and 64 are no better
+    # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
     neighbours: Count = 32
-    checked: Count = 7  # predictions by matches and by velocity from this many frames ago are tested, to weight both
+    checked: Count = 7  # frames; to weight the predictions by matches and by velocity, both are tested this long ago
 
     @property
     def uses_database(self) -> bool:
@@ -371,8 +371,9 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust in the matches, 0 to 1, from two predictions of the newest pose made ``checked`` frames before,
-    by velocity and by the matches: the squared error by velocity, divided by the sum of both squared errors.
+    """Return the trust in the matches, 0 to 1. Two predictions of the newest pose are made from ``checked`` frames
+    before, by velocity and by the matches. The trust is the squared error by velocity, divided by the sum of both
+    squared errors.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))

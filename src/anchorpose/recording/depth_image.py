@@ -1,12 +1,12 @@
 """Read depth images (16-bit grey PNG files): check every byte of the file, then the content of the image.
 
-A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene: they
-have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. An image with such content
-is left out as if it were missing. The check uses no prediction of the scene, so it is valid for every room and every
-pose.
+A sensor that is blinded, covered or broken still delivers complete files, but their content cannot be a scene. Such
+images have no readings, or the same value everywhere, or unrelated values in neighbouring pixels. An image with such
+content is left out as if it were missing. The check uses no prediction of the scene, so it is valid for every room and
+every pose.
 
-``RecordedFrames`` reads single images with times on the camera's own clock, before the images of different cameras are
-paired by time.
+``RecordedFrames`` reads single images with times on the camera's own clock; images of different cameras are paired by
+time only later.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
 
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
-ROWS: Final = 128  # number of image rows checked, evenly spaced; surfaces are many rows high, so no surface is missed
+ROWS: Final = 128  # number of checked image rows, evenly spaced; surfaces are many rows high, so no surface is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
-ENOUGH: Final = 4000  # readings needed before the limits below apply; with fewer, a sound image may fail them by chance
+ENOUGH: Final = 4000  # minimum number of readings for the limits below to apply; with fewer, sound images may fail
 # maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
 MOST_ALIKE: Final = 0.98
 # minimum share of readings that must have a reading to their right; real images have 0.93 or more
 LEAST_BESIDE: Final = 0.5
-# minimum difference of two neighbouring readings that counts as a jump, as a share of their distance from the camera;
-# within a surface, only parts that are seen edge-on have larger differences
+# minimum difference of two neighbouring readings that counts as a jump, divided by their distance from the camera.
+# Within one surface, only parts that are seen edge-on have larger differences
 JUMP: Final = 0.1
 MOST_JUMPS: Final = 0.25  # maximum share of pairs of neighbours that may jump; real cluttered rooms have up to 0.03
 
@@ -128,7 +128,7 @@ def largest_png(width: int, height: int) -> int:
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
     """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
 
-    Only the chunks of a still image reach the decoder, since the decoder would mix the frames of an animated PNG.
+    The decoder gets only the chunks of a still image, since it would mix the frames of an animated PNG.
     """
     import cv2
 

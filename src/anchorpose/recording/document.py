@@ -82,7 +82,7 @@ def parse_json(text: str | bytes, largest_bytes: int = LARGEST_BYTES) -> Any:
 
 def require_plain(value: Any, levels: int = DEEPEST) -> None:
     """Raise Unfit if values are nested too deeply, an integer is too large, or a text contains a null character or half
-    a surrogate pair. A text with these can neither be printed nor be a file's name.
+    a surrogate pair. A text with such characters can neither be printed nor be a file's name.
     """
     if levels < 0:
         raise _too_deep()
@@ -109,7 +109,7 @@ def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _integer(digits: str) -> int:
-    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # one more for the sign
+    if len(digits) > len(str(LARGEST_INTEGER)) + 1:  # one character more for the sign
         raise _too_large()
     return int(digits)
 
@@ -130,7 +130,7 @@ class Entry(BaseModel):
 
 def numbers(*shape: int, meaning: str) -> PlainValidator:
     """Return a validator that turns nested lists of finite numbers into a float64 array of exactly ``shape``. meaning:
-    what the user should write, in words for the error message.
+    words for the error message that describe what the user should write.
     """
 
     def check(value: Any) -> np.ndarray:
@@ -151,7 +151,7 @@ def is_rotation(matrix: np.ndarray) -> bool:
 
 def require_rigid(pose: np.ndarray, instead: str = "") -> np.ndarray:
     """Return the pose (4, 4); raises Unfit unless it is a rigid motion, since lengths in a scaled or mirrored world are
-    meaningless. instead: what the user may do other than correct the pose, as the end of the error message.
+    meaningless. instead: an alternative to correcting the pose, as the end of the error message.
     """
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9 or not is_rotation(pose[:3, :3]):
         remedy = f"write a rotation and a translation in metres with the last row 0 0 0 1{instead}"
@@ -280,8 +280,8 @@ def _is_number(text: str) -> bool:
 def load_config(path: Path, kind: type[Document]) -> Document:
     """Read settings of the class ``kind`` from a file; values that the file lacks keep their defaults.
 
-    Raises InputError for a file that is neither TOML nor JSON, an unknown name (the message has the nearest known
-    name), a value of the wrong type, and an impossible value.
+    Raises InputError for a file that is neither TOML nor JSON, for an unknown name (the message then has the nearest
+    known name), and for a value of the wrong type or an impossible value.
     """
     return validate(path, kind, read_config(path))
 

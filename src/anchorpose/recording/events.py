@@ -1,9 +1,9 @@
 """Read events.tsv, the list of a recording's trials with their conditions, and events.json, which gives the units of
 the columns.
 
-The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. An
-onset counts from the first frame of the first camera that measured anything, whatever this camera's clock shows, and
-even if tracking begins later. A trial is one row; trials are numbered from 1 in the order of the file.
+The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onsets
+count from the first frame of the first camera that measured anything. The value of this camera's clock does not matter,
+nor does a later start of tracking. A trial is one row; trials are numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class Trial:
     """One row of events.tsv.
 
     number: from 1, in the order of the file. condition: the trial_type. onset_s: time since the recording's first
-    frame. start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, one at end_s does
-    not. cells: for each ``TrialColumn`` a number, a text, or None if empty.
+    frame. start_s, end_s: on the clock of the first camera; a frame at start_s belongs to the trial, a frame at end_s
+    does not. cells: for each ``TrialColumn`` a number, a text, or None if empty.
     """
 
     number: int
@@ -147,8 +147,9 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    The function refuses missing and repeated columns, texts in place of numbers, trials that have no duration, overlap
-    or lie outside the recording, and columns of numbers without a unit in the JSON file beside it.
+    The function refuses missing and repeated columns, and texts in place of numbers. It refuses trials that have no
+    duration, overlap or lie outside the recording, and columns of numbers without a unit in the JSON file beside the
+    events file.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []

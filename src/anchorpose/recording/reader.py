@@ -21,7 +21,7 @@ from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, Fr
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 
-# maximum number of depth images per camera, spread over the recording, that are read to find out whether the camera
+# maximum number of depth images per camera, spread over the recording, by which the reader tests whether the camera
 # measured anything
 LOOKED_AT: Final = 40
 

@@ -1,6 +1,6 @@
 """Hold the content of a recording folder after it was read and checked: patient, cameras and their clocks.
 
-Statements about the patient, such as height or age, are optional, and are never copied into results or exports.
+Statements about the patient, such as height or age, are optional; they are never copied into results or exports.
 
 Real cameras are not synchronised and lose some frames, so the depth images of several cameras are paired by time.
 """
@@ -73,7 +73,7 @@ FIRST_RECORDED: Final = 2010  # year of the first consumer depth cameras; no rec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """The patient as recording.json describes them; a field is None where recording.json states nothing.
+    """The patient as recording.json describes them; a field is None if recording.json does not state it.
 
     missing: parts of the body that the patient lacks; covered: segments covered by an orthosis or another device.
     """
@@ -95,8 +95,8 @@ class Subject:
     def grown(self) -> bool | None:
         """Return whether the patient is an adult; None if unknown.
 
-        The birth year alone shows this only for people who were adults when the first depth cameras appeared: the year
-        of the recording is unknown, and results must not depend on today's date.
+        If only the birth year is given, this is known only for people who were adults when the first depth cameras
+        appeared: the year of the recording is unknown, and results must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -228,8 +228,8 @@ USUAL_PERIOD_S: Final = 1.0 / 30.0
 
 @lru_cache(maxsize=8)  # cached, since it is called for every frame
 def pair_frames(recording: Recording) -> np.ndarray:
-    """Return, for each image of the first camera, the position of the paired image in each camera's stream, (n,
-    cameras) int64, read only; -1 = none.
+    """Return (n, cameras) int64, read only: for each image of the first camera, the position of the paired image in
+    each camera's stream; -1 = none.
 
     Paired images are mutually nearest in time, within half a period of the first camera, so no image is used twice. A
     duplicate of the previous image is never paired, since it shows another moment than its time states; if the first
@@ -271,8 +271,8 @@ def half_period_s(time_s: np.ndarray) -> float:
 
 
 def nearest_within(time_s: np.ndarray, other_s: np.ndarray, within_s: float | np.ndarray) -> np.ndarray:
-    """Return, for each time of ``time_s`` (n,), the index into ``other_s`` (m,) of the mutually nearest time, as (n,)
-    int64; -1 where none lies within ``within_s``, a number or (n,).
+    """Return (n,) int64: for each time of ``time_s`` (n,), the index into ``other_s`` (m,) of the mutually nearest
+    time. The index is -1 if no time lies within ``within_s``, a number or (n,).
     """
     there, back = _nearest(time_s, other_s), _nearest(other_s, time_s)
     mutual = back[there] == np.arange(len(time_s))
@@ -296,14 +296,14 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the times between frames (steps). If every third or every second frame is lost, the step at this quantile
-# is several frame periods long
+# quantile of the steps, which are the times between frames. If every third or every second frame is lost, the step at
+# this quantile is several frame periods long
 LONGER_SHARE: Final = 0.6
 # maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If that step is several periods long, one
 # period is at most half of the step. A share above 0.83 (25 / 30) would admit the period of 30 Hz for a recording at 25
 # Hz without lost frames.
 SHORTER: Final = 0.75
-# minimum share of the steps that must be one period long; fewer may be due to single time stamps that came too early
+# minimum share of the steps that must be one period long; a smaller share may be due to a few early time stamps
 LEAST_SHORT: Final = 0.1
 OFF_BEAT: Final = 0.25  # periods, maximum difference of a step from a whole number of periods
 LEAST_ON_BEAT: Final = 0.8  # minimum share of the steps that must be whole numbers of periods within ``OFF_BEAT``
@@ -313,9 +313,10 @@ def nominal_period_s(stream: DepthStream) -> float:
     """Return the time in s between frames if no frame is lost; 0 for a single frame without a stated rate.
 
     The period follows from the rate in recording.json, if stated. Otherwise it is the period of a usual rate, if enough
-    steps between frames are one such period and most other steps are several periods: the median step would be wrong if
-    frames are lost in a regular pattern. If no usual rate fits, the period is the median step. If every second frame
-    was lost, all steps are equal, so only recording.json can distinguish such a recording from one at half the rate.
+    steps between frames are one such period and most other steps are several periods. (The median step would be wrong
+    if frames are lost in a regular pattern.) If no usual rate fits, the period is the median step. If every second
+    frame was lost, all steps are equal; only recording.json can distinguish such a recording from a recording at half
+    the rate.
     """
     steps = np.diff(stream.time_s)
     if stream.fps is not None or not len(steps):

@@ -1,7 +1,8 @@
 """Read recording.json (format ``rgbd-recording``), timestamps.csv, and two inputs that may replace parts of the
 recording: calibration.json and a given height of the patient. Find duplicate depth images.
 
-Some recorders write an image twice under two times: the second copy shows an earlier moment than its time states.
+Some recorders write an image twice, with two different times: the second copy then shows an earlier moment than its
+time states.
 """
 
 from __future__ import annotations
@@ -39,13 +40,14 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.settings import LARGEST, Unfit, shown
 
 MOST_REPEATED: Final = 0.1
-"""Maximum share of a camera's times that may equal the previous time; with more, its clock is too coarse."""
+"""Maximum share of a camera's times that may equal the previous time; with more equal times, its clock is too
+coarse."""
 
 SHORTEST_STEP_S: Final = 1e-4
 """Time in s within which no camera takes two depth images; times that differ by less count as equal."""
 
 LONGEST_STEP_S: Final = 5.0
-"""Maximum median step between images in s. Nobody can be followed over longer steps, so the unit of the times is
+"""Maximum median step between images in s. No person can be followed over longer steps, so the unit of such times is
 probably wrong.
 """
 
@@ -60,9 +62,9 @@ _UNITS: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}  
 def read_timestamps(path: Path) -> dict[int, float]:
     """Read the time in seconds of each frame number from timestamps.csv, in the order of the file.
 
-    Recorders sometimes give a frame the time of the previous frame. Such a repeated time is returned, too; the caller
-    leaves the depth image out. Raises InputError if frame numbers do not increase, if times decrease, or if so many
-    times repeat that the clock is too coarse.
+    Recorders sometimes give a frame the time of the previous frame. A repeated time is returned, too; the caller leaves
+    out the depth image with this time. Raises InputError if frame numbers do not increase, if times decrease, or if so
+    many times repeat that the clock is too coarse.
     """
     times: dict[int, float] = {}
     last_frame, last_time = -1, -math.inf
@@ -131,8 +133,8 @@ def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int
     files' sizes in bytes.
 
     Two images of the same scene differ by the sensor's noise, so equal files are copies of the same image. Files of
-    different sizes are not opened, nor are files above ``most_bytes``, larger than any depth image. The result is all
-    False if most files are equal, since such images have no noise.
+    different sizes are not opened. Files above ``most_bytes`` are not opened either, since they are larger than any
+    depth image. The result is all False if most files are equal, since such images have no noise.
     """
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
@@ -171,9 +173,9 @@ LARGEST_SIDE_PX: Final = 16384  # maximum width and height of an image
 MOST_CAMERAS: Final = 16
 NARROWEST_LENS: Final = 0.01  # minimum valid radius of a lens, sqrt(x² + y²) / z of a ray: half a degree from the axis
 FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
-SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; with fewer images, nobody can be tracked
+SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; with fewer images, no person can be tracked
 
-SAME_HEIGHT_M: Final = 0.03  # m; shoes or the time of day do not explain a larger difference of two stated heights
+SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes or the time of day explain
 
 
 def _require_in_room(pose: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ PUT_FILE: Final = "put the file itself there, or remove it"
 
 
 Stamp = tuple[int, int, int]
-"""Size, time of change (ns) and inode of a file. A stamp differs after the file was replaced or written to."""
+"""Size, time of change (ns) and inode of a file. The stamp changes if the file is replaced or written to."""
 
 _ERROR_STREAM: Final = 2  # file descriptor of the standard error stream
 _REDIRECTED: Final = Lock()  # held while the error stream is redirected
@@ -186,7 +186,7 @@ def _not_a_file(mode: int) -> str:
 
 
 def read_arrays(path: Path, names: Sequence[str], remedy: str) -> dict[str, Any]:
-    """Read those of the arrays ``names`` that an .npz file has; raises InputError for any other file."""
+    """Read the arrays with these ``names`` that an .npz file has; raises InputError for any other file."""
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as packed:
             size = sum(packed.getinfo(f"{name}.npy").file_size for name in names if f"{name}.npy" in packed.namelist())

@@ -16,12 +16,12 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-# at least two letters, since "C:/" is a Windows drive
+# the name before the colon has at least two letters, since "C:/" is a Windows drive
 ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording
 
-BEGINNING: Final = 4096  # number of a file's first bytes in which the text that marks an earlier output is searched
+BEGINNING: Final = 4096  # number of first bytes of a file that may contain the mark of an earlier output
 
 
 def check_place(path: Path, *inputs: Path | None, of_recording: bool = False) -> None:

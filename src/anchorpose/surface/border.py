@@ -1,8 +1,8 @@
 """Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
 
-A bar or a therapist's arm in front of the shin ends the surface above it, and the geodesic extremum there (the node
-farthest from the centre) looks like a foot. Only the pixels around a node show whether the body really ends at the
-node.
+If a bar or a therapist's arm is in front of the shin, the surface ends above it. The geodesic extremum at this end (the
+node farthest from the centre) then looks like a foot. Only the pixels around a node show whether the body really ends
+at the node.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from anchorpose.surface.denoise import extent
 from anchorpose.surface.surface import Surface
 from anchorpose.threads import each
 
-# pixels, maximum distance of a node from the depth edge that bounds it: two grid steps plus pixels lost at the edge
+# pixels, maximum distance of a node from the depth edge that bounds it: two grid steps plus the pixels lost at an edge
 REACH_PX = 5
-SEARCH_PX = 3  # pixels, distance up to which another surface is searched across an edge's lost or flying pixels
+SEARCH_PX = 3  # pixels; another surface is searched up to this far across the lost or flying pixels of an edge
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance of an object in front of the patient: the distance of the thinnest bar, more than sensor noise
+# m, minimum distance from an object in front to the patient's skin: that of the thinnest bar, more than sensor noise
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
@@ -117,9 +117,9 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return the kind (``Border``) of each patient pixel, by the surfaces within ``SEARCH_PX`` in eight directions.
 
-    Floor and foot plate lie in front of every sole, but do not cut the patient's surface. So a surface in front is
-    extrapolated by its slope to the patient's pixel. There the extrapolated floor has the depth of the sole, but an
-    extrapolated bar is still in front.
+    Floor and foot plate lie in front of every sole, but they do not cut the patient's surface. So each surface in front
+    is extrapolated by its slope to the patient's pixel. The floor, extrapolated, has the depth of the sole there; a
+    bar, extrapolated, is still in front.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -175,7 +175,7 @@ def _disc(radius: int) -> np.ndarray:
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
     """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
-    to hide something, and at least a share of ``HOLE_ENCLOSED`` of its rim shows the patient.
+    to hide something. At least the share ``HOLE_ENCLOSED`` of its rim must show the patient.
 
     Recordings with a removed background have no readings around the patient. That region is not a hole, since it
     reaches the edge of the examined area.
@@ -204,7 +204,7 @@ def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.n
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    last = np.full(count, -1, np.int64)  # per component, the rim pixel counted last, so that no pixel is counted twice
+    last = np.full(count, -1, np.int64)  # per component, the rim pixel that was counted last; no pixel is counted twice
     for k in range(len(rim)):
         row, col = rim[k] // width, rim[k] % width
         for i in range(max(0, row - 2), min(height, row + 3)):

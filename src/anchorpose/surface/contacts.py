@@ -16,20 +16,20 @@ from numba import njit
 from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-# 1/rad, cost of a fold: in a path, an edge over a fold of 3 degrees counts as twice as long
+# 1/rad, cost of a fold; an edge that folds by 3 degrees counts as twice as long in a path
 CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
 # distances prove nothing, as skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per edge), minimum fold that gives evidence of a contact; smooth skin never folds so much, so it is not
-# cut if an arm is wrongly predicted to lie on it
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so it is not cut even
+# if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
-# minimum sine of the angle between an edge and the skin at one of its ends, for the edge to be a step, as at the rim of
-# a hand on the trunk
+# minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
+# example, a step is at the rim of a hand on the trunk
 LEAST_STEP: Final = 0.6
-# m; an edge without fold or step also gives evidence of a contact if its ends show skin points more than SHOWN_APART_M
-# apart on the body, and each end is within SHOWN_NEAR_M of its skin point (along the skin, the prediction may be off by
-# half a limb) and within SHOWN_OFF_M of the tangent plane there
+# m; limits for an edge without fold or step to give evidence of a contact, too. Its ends must show skin points more
+# than SHOWN_APART_M apart on the body. Each end must be within SHOWN_NEAR_M of its skin point (along the skin, the
+# prediction may be off by half a limb) and within SHOWN_OFF_M of the tangent plane there
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)
@@ -41,8 +41,9 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
     none.
 
     The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
-    creases count as longer. A node with two candidates takes the one that is nearer, along the body, to the skin that
-    the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not matter.
+    creases count as longer. A node with two candidates takes the candidate that is nearer, along the body, to the skin
+    that the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not
+    matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)

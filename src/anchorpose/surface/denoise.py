@@ -14,14 +14,15 @@ from numba import njit
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
 MAX_STEP: Final = 0.02  # largest step between grey values of a depth image, divided by depth; larger are body edges
-# maximum share of readings that equal a neighbour's; with more, readings differ by whole grey values, not by noise
+# maximum share of readings that equal a neighbouring reading; if more are equal, readings differ by whole grey values,
+# not by noise
 QUANTISED_SHARE: Final = 0.3
-# depth difference, in sigmas of the noise, from which a neighbour has no weight; twice the usual 3, since the centre
-# pixel is noisy, too
+# sigmas of the noise; a neighbour with a larger depth difference has no weight. The value is twice the usual 3, since
+# the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of one surface; steeper skin is few pixels wide, and at an arm's edge depth jumps by more
 MAX_SLANT_DEG: Final = 76.0
-# number of sigmas of the raw noise that the jump limit includes. Beside an edge, smoothing halves the noise, so two
+# allowance for noise in the jump limit, in sigmas of the raw noise. Beside an edge, smoothing halves the noise, so two
 # sigmas of raw noise are about four sigmas of the smoothed depth
 JUMP_SIGMAS: Final = 2.0
 
@@ -30,9 +31,9 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows, or, if this is larger, from half the step between the grey
-    values of the depth image. The coefficient is 0 for a frame without noise or without three neighbouring readings in
-    a row.
+    from the robust spread of second differences along rows. If half the step between the grey values of the depth image
+    gives a larger coefficient, this coefficient is used. The coefficient is 0 for a frame without noise or without
+    three neighbouring readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -129,9 +130,9 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (k,), with one value for every three neighbouring readings of a row, where z is the middle
-    reading: the second difference divided by z**2, the difference of the outer two divided by z, and this difference
-    divided by z**2.
+    """Return three arrays (k,), with one value for every three neighbouring readings of a row. With z as the middle
+    reading, these are the second difference divided by z**2, the difference of the outer two divided by z, and the
+    latter difference divided by z**2.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
@@ -183,8 +184,8 @@ def _add_tap(
 ) -> None:
     """Add the neighbour at one offset to the sums of each pixel of a row.
 
-    own_place, tap_place: row and column of the first pixel, and of its neighbour. Indices are unsigned, since compiled
-    code would test whether signed ones count from the end.
+    own_place, tap_place: row and column of the first pixel, and of its neighbour. Indices are unsigned: for signed
+    indices, compiled code would test whether they count from the end.
     """
     row, at = own_place
     i, there = tap_place

@@ -1,12 +1,12 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
-thigh. If two such parts are both near a node, each gives the node a candidate skin point, and the crease between the
-parts decides (``contacts.py``).
+thigh. If two such parts are near a node, each part gives a candidate for the node's skin point, and the crease between
+the parts decides (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-Such hidden skin is inferred, not measured. With it, geodesics run as on the complete body, and it shows whether a limb
-continues behind an object. Registration, track tree and images of the patient use only seen nodes.
+Such hidden skin is inferred, not measured. With hidden skin, geodesics run as on the complete body. Hidden skin also
+shows whether a limb continues behind an object. Registration, track tree and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -61,22 +61,22 @@ MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 # factor on a node's distance from a skin point along the point's normal; sideways, nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; if two skin points' distances from a node differ by less, both are candidates
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; only candidates farther apart than this must be distinguished
+AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points are candidates if their distances from a node differ by less
+FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; candidates nearer to each other need not be distinguished
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# cosine of 120 degrees: skin that is turned farther away from the camera's optical axis is not seen; the limit is over
-# 90 degrees, since rays at the image's border slant
+# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
+# exceeds 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
-# minimum width that a pixel covers at a node, as a share of the width at the skin nearest to the camera; nodes may be
-# nearer
+# minimum width that a pixel covers at a node, divided by the width at the skin nearest to the camera. It is below 1,
+# since a node may be nearer than all skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
 
 def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
-    """Return (k,) bool: skin points that are near other skin in space but far from it along the body. A node near such
-    a point may show either of the two.
+    """Return (k,) bool: ambiguous skin points, which are near other skin in space but far from it along the body. A
+    node near such a point may show the point or the other skin.
 
     Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some such points
     are not found.
@@ -236,7 +236,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # no ``if``: the processor would mispredict one branch in ten
+        for b in range(a + 1, end):  # without ``if``, since the processor would mispredict one branch in ten
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -248,7 +248,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, the point's place has no skin
+SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is at this place
 # factor on the length of paths from skin point to skin point, since these are 2 % longer than straight paths
 STRETCH: Any = np.float32(0.98)
 
@@ -332,8 +332,8 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
     """Return place (k,): number of each skin point's new node, -1 = no new node; and shown (k,): the piece of mesh that
     shows the point with an inner node (a node off the rim), -1 = none.
 
-    A skin point that an inner node shows becomes a new node in two cases only: a node at the rim shows it as well, or a
-    neighbouring skin point becomes a new node and is not shown by an inner node.
+    A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
+    or a neighbouring skin point that no inner node shows becomes a new node.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)

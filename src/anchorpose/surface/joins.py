@@ -16,7 +16,7 @@ from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
-# the gap's width; on a single shin, the distance is less; between two legs, far more
+# the gap's width. Two nodes on a single shin have a smaller distance, nodes on two legs a far larger distance
 MAX_DEPARTURE: Final = 0.35
 SLACK_M: Final = 0.015  # m, added to the limit from ``MAX_DEPARTURE``, for soft tissue and noise beside a narrow bar
 MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which readings are lost or removed
@@ -24,8 +24,8 @@ MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which reading
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# two pieces are linked where their gap is up to this factor wider than at its narrowest place; where the gap is wider,
-# one piece is merely in front of the other
+# maximum width of the gap between two pieces at a link, divided by the gap's least width. If the gap is wider at some
+# place, one piece merely stands in front of the other there
 SPREAD: Final = 1.5
 
 

@@ -80,7 +80,7 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # merge repeated pairs; place: position of each node in this row, if it occurs already
+    for n in range(count):  # merge repeated pairs; place: position of each node in this row, if the node occurs already
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:

@@ -26,8 +26,8 @@ def estimate_normals(
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
     pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
     pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
-    which is linear in the rays on a plane. So the fit is exact for planes at any slant, and all pixels have the same
-    variance if noise grows as z**2.
+    which is linear in the rays on a plane. So the fit is exact for planes at any slant. All pixels have the same
+    variance in this fit if noise grows as z**2.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -95,8 +95,8 @@ def _plane_normals(
 
 @njit(cache=True, nogil=True)
 def _tap_weight(i: int, j: int, radius: int) -> Any:
-    """Return the weight of a neighbour i rows and j columns away. It is 0 beyond the radius: neighbours are processed
-    in pairs, and the last pair of a row may contain a neighbour too many.
+    """Return the weight of a neighbour i rows and j columns away. The weight is 0 beyond the radius: neighbours are
+    processed in pairs, and the second neighbour of a row's last pair may lie outside.
     """
     return np.float32(1.0 - (i**2 + j**2) / (2.0 * (radius + 1) ** 2)) if j <= radius else np.float32(0.0)
 
@@ -105,8 +105,8 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours, a and b, of each pixel to the sums, relative to the pixel's own ray and inverse depth, so
-    that float32 is precise enough.
+    """Add two neighbours, a and b, of each pixel to the sums. Values are relative to the pixel's own ray and inverse
+    depth, so that float32 is precise enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
     right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.
@@ -315,7 +315,7 @@ def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
     """Return the ring (n, 8): neighbours are linked if no two successive readings between them differ by more than the
-    jump limit. Lost readings between them are skipped and hide no jump.
+    jump limit. Lost readings between two neighbours are skipped, so that a jump across them is still found.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)

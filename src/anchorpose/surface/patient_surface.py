@@ -1,9 +1,10 @@
 """Turn one frame's labelled depth images into the patient's surface: mesh them, cut and fuse the meshes, add hidden
 skin.
 
-If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped: it
-sees the skin at a slant or from farther away. Nodes within two grid steps of the kept nodes are not dropped but stay as
-a border; each node of the border is linked to the four corners of the other camera's grid cell in which it lies.
+If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped,
+since this camera sees the skin at a slant or from farther away. Nodes within two grid steps of the kept nodes are not
+dropped but stay as a border; each node of the border is linked to the four corners of the other camera's grid cell in
+which it lies.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise; the skin
-# of an arm is farther from the trunk on which it lies
+# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. An arm
+# that lies on the trunk has its skin farther from the skin of the trunk
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
 MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m along the body, maximum distance between the skin points that two nodes on the same skin show, due to the spacing of
-# skin points; skin points of two different thighs are farther apart
+# m along the body, maximum distance between the skin points of two nodes on the same skin. It allows for the spacing of
+# skin points; skin points of two thighs are farther apart
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -120,8 +121,8 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with those corners of the
-    target surface's grid cell around it that show this skin.
+    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with the corners of the
+    target surface's grid cell around it, if they show this skin.
 
     source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
     source that the target's camera sees better are marked in ``dropped``.
@@ -247,8 +248,8 @@ def patient_surface(
     """Build the patient's surface of one frame: seen nodes of all cameras, then hidden skin where the body is expected.
 
     views: one per camera, in the order of the cameras; a camera without a depth frame has a blank view. expected: the
-    patient's predicted skin. Without it, the surface is bridged behind bars if both sides lie in one plane, and pieces
-    are joined where they are nearest to each other, but touching parts are not cut and no hidden skin is added.
+    patient's predicted skin. Without expected skin, the surface is bridged behind bars if both sides lie in one plane,
+    and pieces are joined where they are nearest to each other; touching parts are not cut, and no hidden skin is added.
     """
     config = config or SurfaceConfig()
     if expected is None or not config.by_body:

@@ -25,18 +25,18 @@ class SurfaceConfig:
 
     # whether the predicted body decides where the mesh is cut and closed; False = depth images alone, as in the paper
     by_body: bool = True
-    # pixels between nodes, 13 mm at 2.4 m; 2 instead of 1 adds 3 mm to the geodesic error and quarters the computing
-    # time
+    # pixels between nodes, 13 mm at 2.4 m. With 2 instead of 1, the geodesic error grows by 3 mm, and the computing
+    # time falls to a quarter
     step: Count = 2
     min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
     # m, maximum width of a gap across which pieces are joined, such as chin to neck; 0 = no joins
     max_join_m: NotNegative = 0.10
     # pixels; smoothing in a window of 5x5 pixels (3 cm at 2.4 m) reduces errors of path lengths to about 1 %
     denoise_radius_px: Count = 2
-    # a pixel with fewer of its 8 neighbours on the same surface is dropped; at a fingertip 2 pixels wide, pixels have 3
-    # such neighbours
+    # minimum number of a pixel's 8 neighbours on the same surface; pixels with fewer are dropped. A pixel at a
+    # fingertip 2 pixels wide has 3 such neighbours
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
-    # m, maximum width of a bridged bar: a knee pad with its shadow is as wide; behind wider bars the skin is unknown
+    # m, maximum width of a bridged bar, as wide as a knee pad with its shadow; skin behind wider bars is unknown
     bridge_max_width_m: NotNegative = 0.15
     # m, maximum distance of two cameras' nodes on the same skin: calibration errors plus half of a slanted mesh cell
     fusion_max_apart_m: Positive = 0.03
@@ -104,7 +104,7 @@ class Surface(Nodes):
 
     @property
     def arrays(self) -> MeshArrays:
-        """Return the nodes and edges for compiled kernels."""
+        """Return the nodes and edges in the form for compiled kernels."""
         return MeshArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -144,7 +144,7 @@ class BodyMap:
     # complete body
     landmarks_m: np.ndarray
     pairs: np.ndarray  # (e, 2) int32, skin points that are neighbours or second neighbours
-    via: np.ndarray  # (e,) int32, the common neighbour on a pair's path; for direct neighbours the first of the two
+    via: np.ndarray  # (e,) int32, the common neighbour on a pair's path; for direct neighbours, the pair's first point
     straight: np.ndarray  # (e,) float32, straight-line distance of the pair divided by the length of its path
 
 
@@ -158,7 +158,7 @@ class SkinArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedSkin:
-    """The patient's skin where the predicted pose has it."""
+    """The patient's skin at the places that follow from the predicted pose."""
 
     points_m: np.ndarray  # (k, 3) float32, world
     normals: np.ndarray  # (k, 3) float32, world, outwards
@@ -166,7 +166,7 @@ class ExpectedSkin:
 
     @property
     def arrays(self) -> SkinArrays:
-        """Return places and distances for compiled kernels."""
+        """Return places and distances in the form for compiled kernels."""
         return SkinArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),

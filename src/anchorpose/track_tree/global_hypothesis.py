@@ -1,5 +1,5 @@
 """Match surface nodes of one frame with nodes of the next frame, by the best branches of a track tree over two to four
-frames, and make constraints on the pose from the matches (paper, Section IV).
+frames. Make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_pa
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
 PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
-PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; matches by geodesic distances to the best anchors have 17 to 40 mm
+PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; it is 17 to 40 mm for matches by distances to the best anchors
 ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 
@@ -39,7 +39,7 @@ class GlobalHypothesis:
     """The pairs of nodes on the best branches: nodes of frame t and their matches in frame t + 1."""
 
     node: np.ndarray  # (m,) numbers of the nodes in frame t
-    part: np.ndarray  # (m,) number of the bone with which the node moves
+    part: np.ndarray  # (m,) number of the bone that moves the node
     point: np.ndarray  # (m,) number of the skin point that is nearest to the node
     matched_m: np.ndarray  # (m, 3) place of the node's match in frame t + 1; NaN if missed
     tree: TrackResult  # result of the tree search; ``support`` states which matches are missed, and why
@@ -112,8 +112,8 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return matches and costs, one array per level: for the chosen nodes in the first frame, for the matched nodes in
-    the next frame, and so on.
+    """Return matches and costs, one array per level. The first level has a row per chosen node. Later levels have a row
+    per node of their frame, filled only for nodes that the level before reaches.
     """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:

@@ -48,10 +48,10 @@ class GateConfig:
     (e_1) and surface noise (e_2) can cause.
     """
 
-    # e_1, m, for anchor jitter; with both terms, the gate is 3 cm at 1 m from an anchor; the paper's 5 cm made matches
-    # worse by a quarter
+    # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
+    # matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
-    # e_2, m per m of path to the anchor, for the geodesic noise that is left after smoothing
+    # e_2, m per m of path to the anchor, for the geodesic noise that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
     # m, radius around the predicted place in which matches are searched; a hand at 3.6 m/s moves this far in 33 ms
     search_radius_m: Positive = 0.12
@@ -83,7 +83,8 @@ def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig)
     """Return e_max (m, s) float32 in metres for every node and subset of anchors (paper, Section V).
 
     descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
-    anchors. The bound is NaN or inf if a distance is missing or unreachable: an unknown distance has no bound.
+    anchors. The bound is NaN if a distance is missing, and inf if an anchor is unreachable: an unknown distance has no
+    bound.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance
@@ -155,7 +156,7 @@ class Matcher:
         self._find = find
 
     def ask(self, nodes: np.ndarray) -> np.ndarray:
-        """Return the matches (k, s) int32 of the nodes (k,), in any order, with repetitions allowed."""
+        """Return the matches (k, s) int32 of the nodes (k,). The nodes may be in any order, and may repeat."""
         wanted = np.zeros(len(self.match), dtype=bool)
         wanted[nodes] = True
         new = np.flatnonzero(wanted & ~self._asked)

@@ -59,7 +59,9 @@ def sort_balls(centres: np.ndarray, radius: float, voxels: Voxels) -> Balls:
 
 
 def hold_subset(subsets: np.ndarray, anchors: int) -> np.ndarray:
-    """Return (2**anchors,) bool: whether each bit set of anchors contains at least one of the subsets (s, n_s)."""
+    """Return (2**anchors,) bool: for each set of anchors, coded as bits, whether it contains at least one of the
+    subsets (s, n_s).
+    """
     needed, held = (1 << subsets).sum(axis=1), np.arange(1 << anchors)
     enough: np.ndarray = ((held[:, None] & needed) == needed).any(axis=1)
     return enough

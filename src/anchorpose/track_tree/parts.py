@@ -22,9 +22,9 @@ from anchorpose.surface.surface import Nodes
 # minimum number of pairs (a skin point and its place in the next frame) to fit a part's motion; with fewer pairs, the
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
-PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five, fits hardly change
-# m, minimum of the residual at which a pair's weight is halved (otherwise the median residual): the spacing of nodes,
-# since pairs with smaller residuals fit equally well
+PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
+# m, the spacing of nodes. A pair's weight is halved at the median residual, but at least at this residual, since pairs
+# with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
@@ -182,7 +182,7 @@ def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.
 
 
 ITERATIONS: Final = 5  # number of iterations of ICP, after the parts were fitted to the matches
-REACH_M: Final = 0.06  # m, maximum distance of a node from its part's skin: a limb's radius; beyond are other limbs
+REACH_M: Final = 0.06  # m, maximum distance of a node from its part's skin: a limb's radius, to exclude other limbs
 
 
 def register_parts(
@@ -194,8 +194,9 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP (the paper's
-    equation for a part's motion, tau-hat = ICP(tau, phi)). Return T_next_now (b, 4, 4): the motion of each bone's part.
+    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. The paper's
+    equation for a part's motion is tau-hat = ICP(tau, phi). Return T_next_now (b, 4, 4): the motion of each bone's
+    part.
 
     skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
     place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):

@@ -23,8 +23,8 @@ class TreeConfig:
 
     # m, cost of each frame without a match: twice the paper's bound on an anchor's error
     missed_cost_m: Positive = 0.10
-    # maximum number of branches visited in the tree of one node; then the tree is pruned. Searches without this limit
-    # visited fewer than 50 branches for each of 3650 nodes with ten noisy subsets
+    # maximum number of branches visited in the tree of one node; the rest of the tree is pruned. Searches without this
+    # limit visited fewer than 50 branches for each of 3650 nodes with ten noisy subsets
     max_branches: Count = 200
 
 
@@ -42,7 +42,7 @@ class TrackResult:
     """The global hypothesis: the first match on the best branch of each source node."""
 
     match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
-    # (m,) float32 m, the best branch's sum of distances to the prediction, smaller is better; NaN without a prediction
+    # (m,) float32 m, sum of the best branch's distances to the prediction (smaller is better); NaN without a prediction
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
@@ -66,9 +66,9 @@ def best_branches(
 
     A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
     also end at this cost although its last node has children. The search is branch and bound: children are visited in
-    order of distance, and a branch is left as soon as it costs at least as much as the best one found. So the optimum
-    is exact unless the tree is pruned. Among branches with equal costs, the branch of the first subset is taken. Raises
-    ValueError if the shapes do not fit or a match points outside its surface.
+    order of distance, and a branch is left as soon as it costs at least as much as the best branch so far. So the
+    optimum is exact unless the tree is pruned. Among branches with equal costs, the branch of the first subset is
+    taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m

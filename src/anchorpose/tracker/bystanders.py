@@ -48,8 +48,8 @@ def nodes_of_pixels(
     cameras: Sequence[Camera],
     step: int = COARSE.step,
 ) -> Nodes:
-    """Return the masked pixels of all cameras as nodes: every ``step``-th pixel of every ``step``-th row. depths_m,
-    masks (height, width): one per camera; None for a camera without a depth image.
+    """Return masked pixels of all cameras as nodes. Only every ``step``-th pixel of every ``step``-th row is used.
+    depths_m, masks (height, width): one per camera; None for a camera without a depth image.
     """
     sheets = []
     for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True)):
@@ -64,10 +64,10 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-# sigma of a bystander's predicted pose after 1 s, for each bone and for the pelvis
+# rate at which a bystander's predicted pose becomes uncertain: its sigma after 1 s, for each bone and for the pelvis
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
-TALLEST_CHILD_M: Final = 1.5  # m; people who appear taller get an adult's proportions, others a child's
+TALLEST_CHILD_M: Final = 1.5  # m; a person who appears taller gets an adult's proportions, else a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
 HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the fitted body gets this height
 # a fitted body is used only if at least this share of the person's surface nodes lies near the body
@@ -79,12 +79,12 @@ MOST_TRUNK_PAST: Final = 0.25
 # single limb may be misplaced on a correct body
 MOST_LIMB_PAST: Final = 0.5
 LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
-SKIN_SIGMA_M: Final = 0.03  # m, standard deviation of a bystander's skin from its prediction: clothes, hair, body shape
+SKIN_SIGMA_M: Final = 0.03  # m, sigma of a bystander's skin around its prediction, due to clothes, hair and body shape
 # m/s, growth of the skin's sigma with the time since the last fit, since a hand may move faster than predicted
 GROWTH_M_S: Final = 0.4
 # ratio of a predicted movement's velocity to the last movement's velocity; below 1, since movements slow down
 DAMPING: Final = 0.8
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; doubled after each failure, up to 240
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; each failure doubles it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +110,9 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
-    """All bystanders of one frame: those in ``followed`` have a fitted body, those in ``searched`` have none."""
+    """All bystanders of one frame: bystanders in ``followed`` have a fitted body, bystanders in ``searched`` have
+    none.
+    """
 
     followed: tuple[Bystander, ...] = ()
     searched: tuple[Search, ...] = ()
@@ -167,10 +169,10 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    If a body does not fit the person's pixels any more, a new body is fitted. If no body fits, or if the person is
-    hidden, the last body stays where it is for ``MEMORY_S``, so that the person is recognised when reappearing there.
-    The body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person
-    without a body, fitting is tried again after a pause.
+    If the last body does not fit the person's pixels, a new body is fitted. If no body fits, or if the person is
+    hidden, the last body keeps its place for ``MEMORY_S``. So a person who reappears at this place is recognised. The
+    body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person without
+    a body, fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -230,9 +232,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used, since
-    a large part of the outline is the edge of an object that hides the body, not the body's own edge. If few pixels
-    show the person, a larger share of these pixels becomes nodes.
+    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used: often
+    a large part of it is the edge of an object that hides the body, not the edge of the body. If few pixels show the
+    person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -244,7 +246,8 @@ def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], lab
 
 def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
     """Return whether a fitted body may be a real person: no camera sees past a large part of the body (reads something
-    farther away there). If a camera does, the body may have been fitted to pixels that show only a part of a person.
+    farther away there). If a camera sees past the body, it may have been fitted to pixels that show only a part of a
+    person.
     """
     past = np.nan_to_num(seen_past(body.points, pose_points(body, pose), evidence.views, evidence.cameras))
     return bool(past[TRUNK] <= MOST_TRUNK_PAST and (np.delete(past, TRUNK) > MOST_LIMB_PAST).sum() <= 1)

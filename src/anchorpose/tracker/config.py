@@ -24,8 +24,8 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-# m, limits of the height that a user may give; the body model does not have other heights, and their unit is probably
-# wrong
+# m, limits of the height that a user may give. The body model does not cover other heights, and such a height was
+# probably given in a wrong unit
 HEIGHTS_M: Final = (1.2, 2.2)
 
 

@@ -45,9 +45,9 @@ class Estimate:
     """The estimate of one frame."""
 
     frame_set: FrameSet
-    observation: Observation | None  # results of earlier stages; None if the patient was not found, or not searched for
+    observation: Observation | None  # results of earlier stages; None if no patient was found or searched for
     belief: PoseBelief | None  # pose and its uncertainty; None if the patient is lost
-    shape: FittedShape | None  # shape of the body; None if the patient was not found or not searched for
+    shape: FittedShape | None  # shape of the body; None if no patient was found or searched for
     explained: float  # 0 to 1, share of the patient's visible surface that lies near the fitted body
     joints_m: np.ndarray  # (21, 3) m, world; NaN for lost joints
     sigma_m: np.ndarray  # (21,) m, standard deviation of each joint's position per axis; NaN for lost joints
@@ -57,7 +57,7 @@ class Estimate:
     explanation: Explanation | None = None  # how well the pose fits the depth images; None if the patient is lost
     why_lost: str = ""  # the reason why all joints are lost; empty if they are not lost
     poor: tuple[PoorDepth, ...] = ()  # the defects that make depth images of this frame too poor for joints
-    moved: bool = False  # whether limbs were found in another place than earlier frames suggested
+    moved: bool = False  # whether limbs were found in another place than expected from earlier frames
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
     rivals: tuple[Rival, ...] = ()  # other poses that fit the images almost as well as the pose in ``belief``
     # joint states as in ``states``, but without the rule that a joint with a large sigma is lost
@@ -103,8 +103,8 @@ def estimate_of(
 ) -> Estimate:
     """Estimate the registered body's joints (paper, rule J), their states from the depth images, and their sigma.
 
-    corrected: joints that a reviewer placed. If the images contradict the reviewer's place of a joint, this joint
-    counts as hidden, not as lost, and its sigma covers its distance from that place.
+    corrected: joints that a reviewer placed. If the images contradict a reviewer's place, the joint counts as hidden,
+    not as lost, and its sigma includes its distance from that place.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
@@ -154,8 +154,8 @@ def _sigma(
     noise = noise_covariance(body, belief, evidence, config.registration)
     patch_m = finest_patch_m(evidence)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior trusts the pose of the frame before, but people move; so the sigma of a hidden part grows with the
-    # time that the part is hidden
+    # the posterior assumes that hidden parts hardly move from the pose of the frame before, but people do move; so the
+    # sigma of a hidden part grows with the time that the part is hidden
     sigma = frame_alone_sigma(
         body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
     )
@@ -171,7 +171,7 @@ def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
     """Return the states and sigma_m (21,) of all joints. Joints that a reviewer placed get the state ``HIDDEN`` instead
-    of ``LOST``, and their sigma is large enough to cover their distance from the place that the reviewer gave.
+    of ``LOST``. Their sigma is large enough to cover their distance from the reviewer's place.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)

@@ -18,8 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames from a failed search for the patient's body to the next search, doubled after each failure up to
-# LONGEST_PAUSE, since a search takes as long as tracking thirty frames
+# number of frames from a failed search for the patient's body to the next search. Each failure doubles this number, up
+# to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
@@ -27,8 +27,8 @@ def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | No
     """Yield an estimate for every frame, in order. All joints are lost until the patient is found; after a loss, the
     patient is searched for again.
 
-    frames: all frames, forward or backward in time; the first should be the one where tracking begins
-    (``Room.initial_frame``). known: the learnt shape of the patient's body; None before learning.
+    frames: all frames, forward or backward in time; the first should be the initial frame (``Room.initial_frame``).
+    known: the learnt shape of the patient's body; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -45,8 +45,8 @@ def follow_openly(
     """Follow the patient as ``follow_patient`` does, but from any frame. Yield each estimate together with the tracker,
     which is None while no patient is followed.
 
-    choice: place of the patient in the first frame, None if no patient is to be searched for; begin: the patient as
-    found in the first frame, None if that frame must still be searched.
+    choice: place of the patient in the first frame, None if no patient is to be searched for. begin: the patient as
+    found in the first frame; None if the patient must still be searched for there.
     """
     follower = Follower(run, choice, known, begin)
     for frame_set in frames:
@@ -55,7 +55,7 @@ def follow_openly(
 
 
 class Follower:
-    """The follower of one patient, which takes one frame at a time. A follower can be stored between two frames
+    """The object that follows one patient, frame by frame. A follower can be stored between two frames
     (``tracker.journal``). The arguments are those of ``follow_openly``; search: the search to continue, None if the
     patient was not followed before.
     """
@@ -65,7 +65,7 @@ class Follower:
     _choice: PatientChoice | None
     _known: FittedShape | None
     _begin: Start | None
-    _search: Search | None  # None until a followed patient is lost
+    _search: Search | None  # the search for a patient who was followed and lost; None before
     _wait: int
     _pause: int
     _found: str
@@ -85,7 +85,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Add a frame; yield all estimates that are now complete (a frame's estimate waits for its look-ahead)."""
+        """Add a frame; yield the estimates of all frames whose look-ahead is now complete."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:

@@ -84,8 +84,8 @@ def record_of(estimate: Estimate, body: Body | None, run: Run) -> FrameRecord:
 def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
-    """Return ``record`` with the joints and the pose replaced by those of ``answer``, the combined result of both
-    passes. record: from the pass whose trunk is reported; explanation: how well the smoothed pose fits the frame.
+    """Return ``record`` with the joints and the pose of ``answer``, the combined result of both passes. record: from
+    the pass whose trunk is reported; explanation: how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

@@ -23,7 +23,7 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# joints that several cameras see are assumed to be displaced by this share of the error of one camera's pose
+# share of the error of one camera's pose by which joints are assumed to be displaced if several cameras see them
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -75,9 +75,9 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Return a doubt about a camera pose unchanged, unless the equipment raised it: then return it as a mere note,
-    which neither refuses the recording nor increases sigma. Call this function only if all cameras agree with each
-    other: then the equipment was moved, not a camera.
+    """Return a doubt about a camera pose unchanged if the equipment did not raise it. Otherwise return it as a mere
+    note, which neither refuses the recording nor increases sigma. Call this function only if all cameras agree with
+    each other: the equipment was then moved, not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -110,8 +110,8 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return the names of two cameras that were probably exchanged: if each of them gets the pose and lens of the
-    other, the depth images of all cameras show the same room. None if there are no such cameras.
+    """Return the names of two cameras that were probably exchanged; None without such cameras. If each of them gets the
+    pose and lens of the other camera, the depth images of all cameras show the same room.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

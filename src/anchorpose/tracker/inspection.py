@@ -28,8 +28,8 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# maximum number of frames from the recording's initial frame to the inspected frame (tracking so many takes about 30
-# s); if the initial frame is farther away, tracking starts at a nearer frame
+# maximum number of frames from the recording's initial frame to the inspected frame; tracking so many frames takes
+# about 30 s. If the initial frame is farther away, tracking starts at a nearer frame
 MOST_FOLLOWED = 60
 # number of frames before the inspected frame in which tracking may start, and how many of these are examined
 NEARBY, NEARBY_SAMPLES = 45, 10
@@ -109,9 +109,9 @@ def inspect_frame(
 
     as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. Learning and following
     take as long as ``track`` does, and give exactly the joints of ``track``. Otherwise, tracking starts at a nearby
-    frame, with a first guess of the body. config.patient_xz_m: where the patient stands, in the initial frame if
-    as_tracked, otherwise in the inspected frame. tick is called for every frame that is read. Raises InputError if the
-    recording has no frame with this number.
+    frame, with a first guess of the body. config.patient_xz_m: place of the patient in the initial frame if as_tracked,
+    otherwise in the inspected frame. tick: function that is called for every frame that is read. Raises InputError if
+    the recording has no frame with this number.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -167,9 +167,9 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
-    """Return the frames where tracking may start, in the order in which they are tried: the recording's initial frame
-    if it is near, otherwise the best frame before the inspected frame; last, the inspected frame itself. If the user
-    gave the patient's place, only the inspected frame is returned.
+    """Return the frames where tracking may start, in the order in which they are tried. The recording's initial frame
+    comes first if it is near, otherwise the best frame before the inspected frame. The inspected frame comes last. If
+    the user gave the patient's place, only the inspected frame is returned.
     """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:
@@ -213,8 +213,8 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
-    """Return the frame after the inspected frame and its matches; None if there is no such frame, or the patient is not
-    in it. The tracker's window is filled with the following frames first.
+    """Return the frame after the inspected frame and its matches; None if the recording ends or this frame does not
+    show the patient. The tracker's window is filled with the following frames first.
     """
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)

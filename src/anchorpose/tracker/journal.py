@@ -1,12 +1,12 @@
 """Store the frames of a run while it runs, in blocks that are checked on reading, so that a killed run can continue.
 
-Reading runs no code from a file: the class of an object follows from the type annotation of the attribute that holds
-it. So every stored class declares its attributes, as dataclasses and named tuples do. A value is stored as a JSON tree.
-Null, booleans, numbers and texts are stored as they are, a member of an enumeration as its value, and a container as a
-list. Any other value is a JSON object with one key:
+Reading a file never runs code from this file: the class of an object follows from the type annotation of the attribute
+that holds the object. So every stored class declares its attributes, as dataclasses and named tuples do. A value is
+stored as a JSON tree. Null, booleans, numbers and texts are stored as they are, a member of an enumeration as its
+value, and a container as a list. Any other value is a JSON object with one key:
 
 - ``{"Pose": {"root_m": ...}}`` is an object of the class Pose;
-- ``{"again": 3}`` is the fourth object (number 3) of this value once more;
+- ``{"again": 3}`` refers to an object that occurs earlier in this value: the fourth object (number 3);
 - ``{"shared": "run"}`` is an object that is not stored, since the reader already has it under the name ``run``;
 - ``{"array": 5}`` is the sixth array after the tree; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes.
 
@@ -14,8 +14,8 @@ An object or array that occurs twice in a value is also a single object or array
 twice becomes two containers.
 
 Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
-frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run goes on with
-values that were stored and read back, so that a resumed run has exactly the same results.
+frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run continues with
+values that were stored and then read, so that a resumed run has exactly the same results.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from anchorpose.results.folder import naming_place
 
 NUMBERS: Final = "biuf"  # allowed kinds of dtype: boolean, integers, floats
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""Types that a value may have besides the declared type of its field; type checkers allow the same."""
+"""Types that a value may have besides the declared type of its field; type checkers accept these types, too."""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
@@ -88,7 +88,7 @@ class _Writer:
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, Enum):
-            return value.value  # a field that is declared as a number or a text may hold a member of an enumeration
+            return value.value  # a field with a number or a text as its type may hold a member of an enumeration
         if isinstance(value, dict):
             return [[self.node(key), self.node(item)] for key, item in value.items()]
         if isinstance(value, deque):
@@ -283,7 +283,7 @@ class Journal:
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
         """Return the value of this name and of the type ``kind``. If no value of this name is stored yet, ``make``
-        computes it; it is stored and read back.
+        computes the value, which is then stored and read again.
         """
         try:
             found: Item = self.read(name, kind)
@@ -315,8 +315,8 @@ class Blocks(Generic[Item]):
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks, so that a lost last block is noticed; needed if the number is stored nowhere
-        else.
+        """Store the number of blocks, so that a lost last block is noticed. Call this method if nothing else stores the
+        number.
         """
         self._journal.write(COUNT, count)
 

@@ -30,13 +30,13 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# number of frames that are kept for each frame that learning uses; learning then uses those whose poses differ most
+# number of frames that are kept per frame that learning uses; learning selects frames whose poses differ most
 CANDIDATES: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The values of a frame that are kept to learn from; they take a third of the memory of a whole estimate."""
+    """The values of a frame that learning needs; they take a third of the memory of a whole estimate."""
 
     time_s: float
     belief: PoseBelief
@@ -72,7 +72,7 @@ class LearntPatient:
     seconds: float  # s, duration of all parts of the recording that learning used
     pose: Pose  # the pose in the first frame that learning used
     frame: int  # number of the first frame that learning used
-    contradiction: str = ""  # how the user's statements about the patient contradict the images; empty if they agree
+    contradiction: str = ""  # contradiction between the user's statements and the images; empty without it
     turned: OtherFacing | None = None  # the opposite facing in the first frame used; None if the images exclude it
 
     @property
@@ -106,10 +106,10 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
     """Learn the patient's shape; return None if the patient is never found.
 
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
-    the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines it. To
-    save memory, only the frames of the latest and the longest window of each stretch are kept, for each of two opposite
-    facings. At the end, other statures are tried on the longest windows, unless a height is stated that the images do
-    not contradict.
+    the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines this
+    shape. To save memory, only the frames of the latest window and of the longest window of each stretch are kept, for
+    each of two opposite facings. At the end, other statures are tried on the longest windows, unless a height is stated
+    that the images do not contradict.
     """
     learnt, longest = None, list[_Seen]()
     for stretch in stretches:
@@ -142,10 +142,11 @@ class _Window:
 
     kept: list[_Seen]
     seconds: float  # s, time from the start of this stretch (see ``_windows``) to the end of this window
-    # nats, cost of the movements in this window by which the body turned round: the less probable, the larger
+    # nats, cost of the movements by which the body turned round in this window; the less probable a movement, the
+    # larger its cost
     moved: float
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    # start with the opposite facing in the frame ``frame``; None if this frame excludes that facing
+    # start with the opposite facing in frame number ``frame``; None if this frame excludes the opposite facing
     turned: Start | None
     frame: int  # number of the first frame with the patient; 0 in stretches after the first
 
@@ -217,8 +218,8 @@ def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
 
 def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step, _Step | None]:
     """Compare two facings window by window until one is clearly more probable or a facing has no more windows. Return
-    by how many nats the first facing is more probable and, for each facing, the learnt patient and the last compared
-    window. The last of these values is None if nobody with the second facing can be followed.
+    by how many nats the first facing is more probable. Also return, for each facing, the learnt patient and the last
+    compared window; for the second facing None if no person with this facing can be followed.
 
     Errors of the body shape affect all windows alike, so the log probabilities are averaged over the windows, not
     summed.
@@ -237,8 +238,8 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
 
 
 def window_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body learnt so far: the mean over the frames of a window, and the log
-    probability of the shape among people. Clothes and wrongly placed limbs cause errors of both.
+    """Return the log probability, in nats, of the body learnt so far. It is the sum of the mean log probability of a
+    window's frames and the log probability of the shape among people. Clothes and misplaced limbs cause errors of both.
     """
     chosen = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
     nats = frames_nats(learnt.shape, _posed([window.kept[place] for place in chosen]), run.config)
@@ -250,8 +251,8 @@ def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body's facing in this window, and of the learnt shape by the user's
-    statements about the patient. Both are free of the images' errors.
+    """Return the log probability, in nats, of the body's facing in this window, plus that of the learnt shape given the
+    user's statements about the patient. Errors of the images do not affect either of them.
     """
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
@@ -263,7 +264,7 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
 def _windows(
     run: Run, stretch: Stretch, before: LearntPatient | None, longest_s: float, one_facing: bool = False
 ) -> Iterator[_Window]:
-    """Yield the frames of a stretch in windows. Tracking continues only when the next window is requested.
+    """Track a stretch, and yield its frames in windows. Tracking continues only when the next window is requested.
 
     one_facing: whether to end where the tracked body turns round; another pass tracks the frames from there on.
     """
@@ -275,7 +276,7 @@ def _windows(
     moved, last = 0.0, None
     for estimate, tracker in follow_openly(run, stretch.frames(), stretch.choice, known, begin):
         time_s = estimate.frame_set.time_s
-        # time is counted from the stretch's first frame, or, in the first stretch, from the frame in which the patient
+        # time is counted from the first frame of the stretch; in the first stretch, from the frame in which the patient
         # is found
         began_s = time_s if began_s is None and before is not None else began_s
         if began_s is not None and abs(time_s - began_s) > longest_s:
@@ -358,7 +359,7 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
-        if why:  # the only contradiction may be a height that the images hardly show, so other statures are tried
+        if why:  # perhaps only the height contradicts, and images hardly show it, so other statures are tried
             why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief
     return LearntPatient(belief, belief, seconds, kept[0].pose, window.frame, why)

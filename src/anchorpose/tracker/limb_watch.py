@@ -18,17 +18,17 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-# frames between two searches, doubled up to 16 while searches find nothing; a search takes as long as tracking three
-# frames
+# frames between two searches, since a search takes as long as tracking three frames; each search without a result
+# doubles the pause, up to 16 frames
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats; if the log likelihood ratios of a limb's two halves (``named_nats``) sum to less than this, the descriptor
+# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). Below it, the descriptor
 # assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
 # (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
 # the pause between searches ends if the uncovered area has grown by this factor since the last search
 MORE: Final = 1.5
-# m, tolerated distance of an anchor (an end of the seen surface) from the pose's hand or foot; if a bar hides the hand,
-# the arm's surface ends at wrist or elbow
+# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The limit is large, since
+# the surface of an arm ends at wrist or elbow if a bar hides the hand
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head
 

@@ -1,7 +1,8 @@
 """Examine sampled frames before tracking: find people, recognise mirror images, and list possible initial frames.
 
-A person who is seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin: a real
-person who stands, in most of the sampled frames, at the place of the image after reflection in the wall's plane.
+A person who is seen beyond a wall is either in the next room or a mirror image. A mirror image has a twin, the real
+person. If the place of the image is reflected in the wall's plane, the twin stands at the reflected place in most of
+the sampled frames.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 from anchorpose.tracker.start import rank_initial_frames
 
-# m, maximum distance between the twin (the real person) and the place of the mirror image after reflection; the camera
-# may see the front of one and the back of the other, which are this far apart
+# m, maximum distance between the twin (the real person) and the reflected place of the mirror image. The camera may see
+# the front of the twin and the back of the image; front and back are this far apart
 TWIN_M: Final = 0.35
-# minimum number of frames in which a mirror image has a twin (the real person); without a mirror, people who pass each
-# other may look like twins in one or two frames
+# minimum number of frames in which a mirror image must have a twin (the real person). Two people who pass each other
+# may look like image and twin in one or two frames, without a mirror
 LEAST_TWINS: Final = 3
 
 
@@ -44,9 +45,7 @@ class Mirror:
     shown: int  # number of frames that show both a person beyond the gap and the place where the twin would be
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether both mirrors are the same gap in a wall; a gap is found twice if the wall was taken for two
-        planes.
-        """
+        """Return whether both mirrors are the same gap; a gap is found twice if its wall was taken for two planes."""
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
@@ -76,7 +75,7 @@ def find_mirrors(
 
 
 def with_mirrors(scenes: Sequence[Scene], mirrors: Sequence[Mirror]) -> tuple[Scene, ...]:
-    """Return the scenes with walls in place of mirrors, so that nobody is found in a mirror."""
+    """Return the scenes with walls in place of mirrors, so that no person is found in a mirror."""
     changed = list(scenes)
     for mirror in mirrors:
         changed[mirror.scene] = with_wall(changed[mirror.scene], mirror.wall, mirror.gap)
@@ -107,8 +106,8 @@ def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
 
 
 def _mirrors_in(wall: Wall, number: int, sightings: Sequence[Sighting], cameras: Sequence[Camera]) -> list[Mirror]:
-    """Return the gaps of a wall that are mirrors: most people seen through such a gap have a twin (the person whose
-    mirror image they are), if the place where the twin would stand is in view.
+    """Return the gaps of a wall that are mirrors. A gap is a mirror if most people seen through it have a twin (the
+    real person); people whose twin would stand out of view are not counted.
     """
     gaps, twins, shown = list[np.ndarray](), list[int](), list[int]()
     for sighting in sightings:

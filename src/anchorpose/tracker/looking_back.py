@@ -1,11 +1,11 @@
 """Track backward, against the direction of the pass, from a frame in which a limb or the patient was found again.
 
-If a limb or patient is found again, it was often in view in earlier frames already, but not at the predicted place. So
-the patient is tracked back from the frame in which the limb or patient was found again, until both directions agree, or
-until tracking back shows no more of the body than the pass did. Each frame is then taken from the direction that has
-more joints at places where cameras see the body. But if cameras see the trunks of both directions in one frame at
-different places, they are two people. The pass has followed the patient from the initial frame, so the person who was
-found again is not the patient, and no frame is replaced.
+A limb or patient that is found again was often in view in earlier frames already, but not at the predicted place. So
+the patient is tracked back from the frame in which the limb or patient was found again. Tracking back ends when both
+directions agree, or when it shows no more of the body than the pass did. Each frame is then taken from the direction
+that has more joints at places where cameras see the body. But if cameras see a trunk at the place of each direction in
+one frame, and the places differ, the trunks belong to two people. The pass has followed the patient from the initial
+frame, so the person who was found again is not the patient. No frame is then replaced.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from anchorpose.tracker.start import turn_round
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
 # tracking back stops after this many successive frames in which it shows no more of the body than the pass did
 IN_VAIN: Final = 10
-ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb was found again
+ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb counts as found again
 TRUNK: Final = JOINT_INDEX["SpineMid"]
 TWO_PEOPLE_M: Final = 0.35  # m, breadth of a chest; the trunks of two people cannot be nearer to each other
-# frames between two attempts to track back; doubled after an attempt that changed no frame, up to LONGEST_PAUSE
+# frames between two attempts to track back; an attempt that changes no frame doubles the pause, up to LONGEST_PAUSE
 FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
 
@@ -116,8 +116,8 @@ def look_back(
 
 def _are_two_people(before: Sequence[Passed], again: Sequence[Passed]) -> bool:
     """Return whether the pass and tracking back follow two people: in most frames in which cameras see the trunks of
-    both, the two trunks are at different places. before, again: the frames of the pass and those tracked back; the last
-    frames of both are the same.
+    both, the two trunks are at different places. before, again: the frames of the pass, and the frames that were
+    tracked back; both end at the same frame.
     """
     apart_m = [
         float(np.linalg.norm(there.joints_m[TRUNK] - back.joints_m[TRUNK]))

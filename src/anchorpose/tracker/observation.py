@@ -22,16 +22,17 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# a node's distances to anchors are left out if a hole in the surface lengthens them, but only if at least this many
-# other distances remain; three distances identify a node (paper, Section IV-D), and four allow four choices of three
+# minimum number of a node's distances to anchors that must remain if the distances lengthened by a hole in the surface
+# are left out. Three distances identify a node (paper, Section IV-D), and four allow four choices of three
 LEAST_TRUSTED = 4
 # number of frames between two checks by the learnt descriptor; a check takes a third of the time for tracking a frame
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame: int) -> bool:
-    """Return whether the learnt descriptor checks this frame, which depends only on the frame's number. A check
-    compares the limbs to which descriptor and pose assign skin, and searches the patient's pixels for several people.
+    """Return whether the learnt descriptor checks this frame; only the frame's number decides. A check has two parts:
+    it compares the limbs to which descriptor and pose assign skin, and it searches the patient's pixels for several
+    people.
     """
     return frame % DESCRIBED_EVERY == 0
 
@@ -74,7 +75,7 @@ class SeenSurface:
 
     whole: Surface  # the seen surface, and hidden skin that is inferred
     seen: Surface  # only the seen part of the surface
-    # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near the node, and what it ends at
+    # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near the node, and the kind of border
     border: np.ndarray
     evidence: Evidence  # the data to which the body is registered, including the seen surface
 
@@ -121,7 +122,7 @@ class Observation:
     whole: Surface  # seen skin and inferred hidden skin
     anchors: Anchors
     distances: AnchorDistances
-    # (n,) uint8 of ``Border``, per seen node: whether the surface ends near the node, and what it ends at
+    # (n,) uint8 of ``Border``, per seen node: whether the surface ends near the node, and the kind of border
     border: np.ndarray
     pieces: tuple[Pieces | None, ...]
     memory: BystanderMemory
@@ -132,8 +133,8 @@ class Observation:
         """Return (n, 5) metres: the geodesic distance from each seen node to each anchor; inf if no path leads to the
         anchor, NaN if the anchor is missed.
 
-        A distance that a hole in the surface lengthens is also NaN, if the node has at least ``LEAST_TRUSTED``
-        distances that no hole lengthens.
+        A distance that a hole in the surface lengthens is NaN, too, if the node has at least ``LEAST_TRUSTED`` other
+        distances that are not lengthened.
         """
         return self.distances.of_seen_nodes()
 

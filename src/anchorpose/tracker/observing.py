@@ -1,5 +1,5 @@
-"""Observe a frame (label its people, mesh the patient, find the anchors), and hold the look-ahead (the later frames
-that are read before a pose is estimated).
+"""Observe a frame: label its people, mesh the patient, find the anchors. Hold the look-ahead, which is the later frames
+that are read before a pose is estimated.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-# m, half a limb's width; predicted skin with a larger sigma is not used to decide which pixels show the patient
+# m, maximum sigma of predicted skin that helps to decide which pixels show the patient: half a limb's width
 LOOSEST_SKIN_M = 0.05
 UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
@@ -101,8 +101,8 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
 
 
 def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
-    """Return the bystanders, except any whose body overlaps the patient's expected place (3,): that body was fitted to
-    the patient's surface by mistake.
+    """Return the bystanders, except those with a body that overlaps the patient's expected place (3,): such a body was
+    fitted to the patient's surface by mistake.
     """
     apart = [
         np.linalg.norm((one.belief.pose.root_m - place_m)[[0, 2]]) > IN_EACH_OTHER_M for one in bystanders.followed
@@ -133,8 +133,8 @@ def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[
     predicted skin of limbs that have been hidden for long.
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
-    place would be taken for this limb. When the limb reappears, its connection to the patient's surface shows that it
-    is the patient's. If it appears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
+    place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
+    limb it is. If it reappears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
     spread = config.skin_sigma_m + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
@@ -290,8 +290,8 @@ class Window:
             held.popleft()
 
     def matchers(self) -> list[Matcher]:
-        """Return one matcher for each pair of successive observed frames. For each node of the earlier frame, it gives
-        one matching node of the later frame per subset of the anchors.
+        """Return one matcher for each pair of successive observed frames. For each node of the earlier frame, a matcher
+        gives one node of the later frame per subset of the anchors.
         """
         associate = self.run.associate or (lambda now, later, config: link(now, later, config.hypotheses, config.gate))
         found = [

@@ -1,4 +1,4 @@
-"""Give other people whose pixels have the patient's label new labels; the learnt descriptor finds these people."""
+"""Find other people whose pixels have the patient's label, by the learnt descriptor; give them new labels."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from anchorpose.tracker.sighting import see_people_apart
 # m; a pixel farther than this from the predicted skin counts as off the skin; an arm moves at most this far between two
 # frames
 OFF_SKIN_M: Final = 0.2
-# a person of small surface with at least this share of its pixels on the patient's predicted skin is only a part of the
-# patient, which the descriptor took for a person
+# a found person of small surface is only a part of the patient, mistaken for a person by the descriptor, if at least
+# this share of its pixels lies on the patient's predicted skin
 OWN_SHARE: Final = 0.5
 
 
@@ -38,12 +38,13 @@ def one_patient(
     """Return the views after separating other people whose pixels have the patient's label.
 
     Other people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
-    searched for whenever a check is ``due``, since the predicted skin does not help if the body was fitted to another
+    searched for whenever a check is ``due``, since the predicted skin does not reveal a body that was fitted to another
     person by mistake. If the descriptor takes one person for two, fitted rough bodies show the error
     (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
     shows enough surface gets a new label. A person of smaller surface gets a new label only if many of the patient's
-    pixels, and most of this person's, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without
-    uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
+    pixels, and most of this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin
+    without uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused
+    label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -75,9 +76,9 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
-    """Return (k,) bool: people who may not be the patient. These are all people with enough surface for a whole person,
-    if at least two have so much. If many pixels lie off the patient's predicted skin (``moved``), people whose pixels
-    lie mostly off this skin are included, too.
+    """Return (k,) bool: people who may not be the patient. If at least two people have enough surface for a whole
+    person, all such people are included. If many pixels lie off the patient's predicted skin (``moved``), people whose
+    pixels lie mostly off this skin are included, too.
     """
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
     large &= large.sum() > 1
@@ -130,8 +131,8 @@ def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndar
 
 
 def _split(pixels: Pieces, view: View, seeds: np.ndarray) -> View:
-    """Return the view after region growing divided the patient's pixels among people. seeds: at pixels where growing
-    starts, the label; ``NOBODY`` at all other pixels.
+    """Return the view after region growing divided the patient's pixels among people. seeds: the label at pixels where
+    growing starts, ``NOBODY`` at all other pixels.
     """
     grown = grow_regions(pixels, seeds.astype(np.uint8))
     labels = view.labels.copy()

@@ -38,14 +38,14 @@ from anchorpose.tracker.smoothing import (
 from anchorpose.tracker.start import find_start, start_as_learnt, turn_round
 
 BLOCK: Final = 48
-"""Number of frames per stored block; these are tracked in two to six seconds. The state stored with a block has 10 to
-50 MB.
+"""Number of frames per stored block. Tracking so many frames takes two to six seconds, and the state stored with each
+block has 10 to 50 MB.
 """
 
 # maximum number of parts of the recording to learn from; each part costs a search for a first pose
 STRETCHES: Final = 3
-# s, minimum time between the initial frames of two stretches; patients often just keep sitting or standing for a
-# minute, so a nearer frame shows little new
+# s, minimum time between the initial frames of two stretches; patients often sit or stand still for a minute, so a
+# nearer frame shows little that is new
 STRETCHES_APART_S: Final = 60.0
 
 
@@ -65,13 +65,13 @@ class Route:
             self.tick()
 
     def frame(self, position: int) -> FrameSet:
-        """Return one frame, without the depth images of cameras that show another place than their learnt room."""
+        """Return one frame, without the depth images of cameras that do not show the room that was learnt for them."""
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
         """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two
-        further stretches begin at the frames that show the patient best, among frames that are over a minute away from
-        the initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
+        further stretches begin at the frames that show the patient best. These frames are over a minute away from the
+        initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -137,8 +137,8 @@ class _PassState:
     stored: int  # number of frames stored
     waiting: Waiting  # frames that are not stored yet, since tracking back from later frames may replace them
     follower: Follower | None  # the tracker to continue with; None after the pass has ended
-    # how a pass back through the same frames begins: with the patient in the last frame, or with the search for a
-    # patient who is lost there; None until this pass has ended, or if the patient was never found
+    # the start of a pass back through the same frames: the patient in the last frame, or the search for a patient who
+    # is lost there; None until this pass has ended, or if the patient was never found
     turned: Start | Search | None
     seconds: dict[str, float]  # time spent in each stage so far
 
@@ -227,8 +227,8 @@ class _Passes:
         frame_set: FrameSet,
         smoothing: Smoothing,
     ) -> TrackedFrame:
-        """Return a frame with the result of both passes. Labels, contacts and anchors belong to a place of the body, so
-        they are taken from the pass whose trunk is reported.
+        """Return a frame with the result of both passes. Labels, contacts and anchors depend on the place of the body,
+        so they are taken from the pass whose trunk is reported.
         """
         if self.body is None:
             raise ValueError("passes can only be combined if a body was learnt")
@@ -249,8 +249,9 @@ class _Passes:
         """Run one pass to its end, after the frames that the journal has already; return how a pass back begins
         (``_PassState.turned``).
 
-        begin: makes this pass's follower; keep: returns the values to store for an estimate; wait: number of last
-        frames not stored yet, since finding a lost limb again may change them.
+        begin: function that makes this pass's follower; keep: function that returns the values to store for an
+        estimate; wait: number of latest frames that are not stored yet, since they may be replaced if a lost limb is
+        found again.
         """
         journal, blocks = self.journal.inside(name), self._blocks(name)
         try:
@@ -300,7 +301,7 @@ class _Passes:
 
     def _follower_back(self, turned: Start | Search | None) -> Follower:
         """Return the follower of a pass back. A patient who is lost where the pass back begins is searched for as after
-        any loss, so that nobody else is taken for the patient.
+        any loss, so that no other person is mistaken for the patient.
         """
         if isinstance(turned, Start):
             return Follower(self.run, None, self._shape, turned)

@@ -42,8 +42,8 @@ from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 # a patient is in view if at least this share of the joints is inside a camera's image
 IN_VIEW: Final = 0.25
-# m, half a forearm's width; a frame is observed again if the patient is now predicted farther than this from the place
-# that was predicted when the frame was first observed
+# m, half a forearm's width. A frame is observed with a predicted place of the patient. If a later prediction for this
+# frame differs by more than this, the frame is observed again
 SEE_AGAIN_M: Final = 0.03
 
 
@@ -70,7 +70,7 @@ class PatientTracker:
     turned: Rival | None  # the opposite facing in the first frame, as in ``Start``
     moved: bool  # whether limbs were found in another place than earlier frames suggested
     feet: StandingFeet
-    ends: frozenset[int]  # joint numbers of hands and feet that were lost and have not been seen since
+    ends: frozenset[int]  # joint numbers of hands and feet that were lost and not seen since then
     limb_seen_s: np.ndarray  # (PARTS, 2) s, when a limb's halves (split at elbow or knee) were last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate
@@ -198,20 +198,20 @@ class PatientTracker:
         time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
-            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw the limb
+            shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw this limb
         self.limb_seen_s = np.where(shown, time_s, self.limb_seen_s)
         return np.asarray(np.where(np.isnan(self.limb_seen_s), np.inf, np.abs(time_s - self.limb_seen_s)))
 
     def _corrections(self, seen: Observation) -> CorrectedJoints | None:
-        """Return the joints of this frame that a reviewer corrected; None if there are none."""
+        """Return the joints of this frame that a reviewer corrected; None without corrections."""
         return self.run.room.review.corrected(seen.frame_set.frame)
 
     def predict(self, steps: int) -> list[Pose]:
         """Predict the poses of the next ``steps`` frames by scaled motion dynamics. The joints of all look-ahead frames
         are predicted at once; a frame's pose is fitted to its joints when first needed.
 
-        While the patient is not seen, the posture and its height stay the same, and the body goes on over the ground: a
-        movement that was begun is rarely continued for seconds.
+        While the patient is not seen, the predicted body keeps its posture and height, and continues its movement over
+        the ground. Other movements are not continued, since few movements last for seconds.
         """
         with self.run.stage("prediction"):
             if not self.ahead and self.last.gone_s > 0.0:
@@ -226,7 +226,9 @@ class PatientTracker:
         return self.ahead[:steps]
 
     def _gone_on(self) -> list[Pose]:
-        """Return the poses of the look-ahead frames with the present posture, moving as in the last two frames."""
+        """Predict the poses of the look-ahead frames: the present posture, moved over the ground as between the last
+        two frames.
+        """
         base = JOINT_INDEX["SpineBase"]
         step = self.history[-1][base] - self.history[-2][base] if len(self.history) > 1 else np.zeros(3)
         step[1] = 0.0
@@ -236,8 +238,8 @@ class PatientTracker:
     def _observe_until(self, last: int) -> list[Pose]:
         """Observe the window's frames 1 to ``last``, and return their predicted poses.
 
-        Frame 1, the frame after the last one registered, may have been observed already as part of an earlier
-        look-ahead. Frame 1 is observed again if the patient is now expected in another place.
+        Frame 1 follows the last registered frame, and may have been observed already as part of an earlier look-ahead.
+        Frame 1 is observed again if the patient is now expected in another place.
         """
         if len(self.window.seen) > 1:
             expected, before = self.expect(self.predict(1)[0]), self.window[1].expected
@@ -292,7 +294,7 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """Return the belief with a reviewer's corrections of this frame's joints, if there are any.
+        """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
 
         If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
         corrections then get more weight, and poses before this frame are not used to predict the next poses.
@@ -343,8 +345,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
             )
             explanation = explained_by(self.body, best, seen)
-            # if a rival (another pose that fits almost as well) replaced the best pose, the rival's own pose takes the
-            # place of the predicted pose
+            # if a rival (another pose that fits almost as well) replaced the best pose, the rival's pose serves as the
+            # predicted pose
             expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:

@@ -23,8 +23,8 @@ from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
 # m; a person this close to a known person's usual place is the same person, who may have stepped or stood up
 STAYS_M: Final = 0.40
-# m; two people whose usual places are closer together than this are one person; half of the minimum distance between
-# the pelvises of two people
+# m; two people whose usual places are closer together than this are one person. The value is half of the minimum
+# distance between the pelvises of two people
 SAME_M: Final = 0.15
 # minimum share of a person's nodes that must lie near the rough body; people have at least 0.68, objects up to 0.70
 # (``MOST_PAST`` rejects these)
@@ -37,12 +37,12 @@ FACES: Final = 0.7  # minimum cosine between a helper's heading and the directio
 ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); users aim cameras by eye
 OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 votes (0.7); patients may lean out
 SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
-# this number is added to the count of frames in which a person is missing, so that a person seen only once gets few
-# votes: the body of such a person may have been fitted to an arm
+# number that is added to the count of frames in which a person is missing. A person seen only once then gets few votes,
+# since the body of such a person may have been fitted to an arm
 CHANCE: Final = 2
 # seven heights, in m below the top of the head; the trunk of a standing or sitting person is at all of them
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
-BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk shows something in front of the person
+BEFORE_M: Final = 0.3  # m; a reading this far in front of the middle of a trunk shows something that hides the person
 STEP_M: Final = 0.4  # m, maximum movement of a person from frame to frame: 2 m/s at 5 frames per second
 # m, maximum distance of the patient from the place that the user gave; a person farther away is another person
 GIVEN_M: Final = 0.5
@@ -79,7 +79,7 @@ def choose_patient(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> Patient | None:
-    """Choose the patient among all people in the sightings; None if nobody is seen.
+    """Choose the patient among all people in the sightings; None if no person is seen.
 
     If ``patient_xz_m`` is given, the patient is the person nearest to this place in the first sighting with a person
     there. Otherwise, the patient is the person with most votes.
@@ -97,7 +97,7 @@ def choose_patient(
 
 def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndarray) -> Patient | None:
     """Take the person who stands at a place in the sighting number ``first`` for the patient, and follow this person
-    from frame to frame; return None if nobody is near the place.
+    from frame to frame; return None if no person is near the place.
 
     sightings: sightings of successive frames. In each later frame, the person nearest to the patient's previous place
     is taken for the patient.
@@ -120,15 +120,15 @@ def named_patient(sightings: Sequence[Sighting], first: int, place_xz_m: np.ndar
 def find_candidates(
     sightings: Sequence[Sighting], equipment: EquipmentModel | None, cameras: Sequence[Camera]
 ) -> list[Candidate]:
-    """Return all seen people with their votes; if some of them pass the test ``_is_human``, return only those."""
+    """Return all seen people with their votes; if some people pass the test ``_is_human``, return only these people."""
     members = _joined(_followed(sightings))
     human = [seen for seen in members if _is_human(seen)]
     return [_candidate(seen, sightings, equipment, cameras) for seen in human or members]
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return, for each person, how they are seen in every sighting (None: not seen); people near one usual place are
-    one person.
+    """Return, for each person, how every sighting shows this person (None: not seen). People with the same usual place
+    count as one person.
     """
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
@@ -171,8 +171,8 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
     """Return whether most of the person lies near the fitted rough body, and cameras do not see past the body's trunk.
 
-    In each sighting, a share of the person lies near the body. The upper quartile of these shares decides, since a
-    patient behind a pad and a therapist is hardly seen before standing up.
+    In each sighting, a share of the person lies near the body. The upper quartile of these shares decides, since a pad
+    and a therapist may hide almost all of a patient until the patient stands up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -181,8 +181,8 @@ def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
 
 
 def _seen_past(seen: Sequence[SeenPerson | None]) -> float:
-    """Return the median share of the trunk that cameras see past (read something farther away); 0 if it is unknown in
-    every frame, since then nothing contradicts the body.
+    """Return the median share of the trunk that cameras see past (read something farther away). Return 0 if the share
+    is unknown in every frame, since nothing then contradicts the body.
     """
     known = [body.past for body in _bodies(seen) if np.isfinite(body.past)]
     return float(np.median(known or [0.0]))
@@ -300,7 +300,7 @@ def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candid
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:
     """Return the distance of a place from a person's fitted pelvis or from the person's place on the ground, whichever
-    is nearer: users may mean one or the other.
+    is nearer: users may mean either place.
     """
     return float(min(np.linalg.norm(one.place_xz_m - place_xz_m), np.linalg.norm(one.person.ground_xz_m - place_xz_m)))
 

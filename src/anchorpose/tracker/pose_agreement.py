@@ -1,9 +1,9 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
 other shows.
 
-A surface may be hidden by objects in front of it, but only a wrong camera pose lets a camera read something behind the
-surface. The room's surfaces reveal a camera pose that is too near to these surfaces, too far from them, too high or
-tilted. People also reveal a pose that is shifted along these surfaces, since the cameras see free space beside people.
+Objects may hide a surface from a camera, but a camera reads something behind a surface only if a camera pose is wrong.
+The room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. A pose that is
+shifted along the room's surfaces is revealed only by people, since the cameras see free space beside people.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
 # two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
-# farther away): above the first limit, a note is written; above the second, the recording is refused
+# farther away). A share above the first limit causes a note; a share above the second limit, a refusal of the recording
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-# two limits, like those of the room (for a note and a refusal), for the share of the people's surface that is seen past
+# two limits of the share of the people's surface that a camera sees past: for a note and for a refusal, as above
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# limit of the share of the room that is seen past; above it, the recording is refused if the share of people is
-# unknown, for example because a camera blurs depth edges; higher than MUCH_OF_ROOM, since people cannot confirm the
+# limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
+# blurs depth edges. Above it, the recording is refused. It is higher than MUCH_OF_ROOM, since people cannot confirm the
 # contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
@@ -41,8 +41,8 @@ POINTS_OF_PEOPLE: Final = 3000  # number of points on the people in one camera's
 FRAMES: Final = 8  # maximum number of frames in which people are compared
 # m; poses are doubted if the surfaces seen by both cameras are farther apart than this; correct poses: at most 0.009
 OFF_M: Final = 0.015
-# m; if the surfaces seen by both cameras are farther apart, the recording is refused, since each of the two poses is
-# then about 10 cm wrong
+# m; the recording is refused if the surfaces seen by both cameras are farther apart than this: each of the two poses is
+# then wrong by about 10 cm
 REFUTED_M: Final = 0.15
 
 
@@ -57,8 +57,8 @@ class SeenPast:
 
     cameras: tuple[str, str]
     of_room: float  # 0 to 1, share of one camera's room that the other camera sees past
-    # 0 to 1, share of the people's surface that the other camera sees past; NaN also if a camera blurs depth edges, and
-    # so people's outlines
+    # 0 to 1, share of the people's surface that the other camera sees past; also NaN if a camera blurs depth edges,
+    # since it then blurs the outlines of people
     of_people: float
 
     @property
@@ -120,11 +120,11 @@ def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]
 
 
 def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
-    """Return the doubt that the comparison of two cameras raises about their poses; None if there is no doubt.
+    """Return the doubt that the comparison of two cameras raises about their poses; None without a doubt.
 
     If the common surfaces determine a displacement, the displacement decides; otherwise the shares of surface seen past
-    (``SeenPast``) decide. If the clocks are unknown, only the share of the room can refute a pose, since the cameras
-    may show people at different times.
+    (``SeenPast``) decide. If the clocks are unknown, only the share of the room can refute a pose: the two cameras'
+    frames may show people at different times.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:

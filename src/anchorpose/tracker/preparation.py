@@ -34,11 +34,11 @@ from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
-# factor on the number of samples if the recording has no image of the empty room: the room is then put together from
-# samples in which people hide different parts of the room
+# factor on the number of samples if the recording has no image of the empty room. The room is then composed from
+# samples in which people hide different parts of it
 BLIND_SAMPLES = 3
-# number of frames examined before the frame in which the user gave the patient's place, and also after it: so few that
-# a person walks only half a step meanwhile
+# number of frames examined before, and as many after, the frame in which the user gave the patient's place; meanwhile a
+# person walks only half a step
 AROUND: Final = 6
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
@@ -69,8 +69,8 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
-    that are found from people more precise, so both are found in turn.
+    """Find the clocks and poses of all cameras. Poses make the clocks more precise, and clocks make poses that are
+    found from people more precise, so both are found in turn.
 
     Clocks and floor of reviewed results are used unchanged. Raises InputError if a pose cannot be found.
     """
@@ -112,8 +112,8 @@ def calibrate(
     """Find all camera poses that are not given. If the equipment looks the same from two sides, its front is the side
     that the patient faces; a body is fitted to the patient to find this side.
 
-    The place that the user gave for the patient is not used here: it refers to the world frame of an earlier run, and
-    must not change that world frame.
+    The place that the user gave for the patient is not used here. It refers to the world frame of an earlier run, so
+    this run must get the same world frame with and without that place.
     """
     anybody = replace(config, patient_xz_m=None, patient_frame=None)
 
@@ -181,7 +181,7 @@ def _frames_of_named(
     """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
     before and after it.
 
-    The result is empty if nobody stands at the given place in this frame. Raises InputError if the recording has no
+    The result is empty if no person stands at the given place in this frame. Raises InputError if the recording has no
     frame ``frame``.
     """
     here, last = _position(recording, frame), len(recording.streams[0].files)
@@ -203,7 +203,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a patient's place at which nobody is; the error states where people are in this frame."""
+    """Return the error for a patient's place without a person; the error states where people are in this frame."""
     people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
     seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
     where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
@@ -236,8 +236,8 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
 def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
-    """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None
-    unless all examined frames agree.
+    """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None if
+    the examined frames disagree.
 
     room: its initial frames are indices into ``samples``. Several frames are used, because in a single frame another
     person may be mistaken for a part of the patient.

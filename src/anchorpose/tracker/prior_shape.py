@@ -66,7 +66,7 @@ _GROWTH_M: Final[dict[Sex, tuple[float, ...]]] = {
 al. 2007, doi:10.2471/BLT.07.043497).
 """
 
-_SPREAD: Final = 0.045  # standard deviation of statures as a share of their median; the WHO has 4 to 5 % at every age
+_SPREAD: Final = 0.045  # standard deviation of statures, divided by their median; the WHO states 4 to 5 % for every age
 _ADULT_M: Final[dict[Sex, tuple[float, float]]] = {"female": (1.629, 0.064), "male": (1.756, 0.069)}
 """Mean and standard deviation (m) of the stature of 1,986 women and 4,082 men: ANSUR II (Gordon et al. 2014,
 NATICK/TR-15/007).
@@ -88,13 +88,13 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors on the stature that follows from the descriptor's matches; both statures are tried, since real people are
-# often 5 to 10 % shorter than these matches suggest
+# factors on the stature that the descriptor's matches give; both statures are tried, since real people are often 5 to
+# 10 % shorter than this stature
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of an adult body that is tried
 CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a child's body that is tried
 ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; a stated height that differs by more from the height in the images is not used
+CONTRADICTS = 3.0  # standard deviations; a stated height is not used if it differs by more from the visible height
 # m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
 SYSTEMATIC_M = 0.02
 TRIED_SIGMA_M = 0.01  # m, assumed error of a tried height; small, so that the fitted body gets this height

@@ -1,8 +1,8 @@
-"""Find objects that rest for a part of the time (moved furniture, people who keep still), and add the furniture to the
-room.
+"""Find objects that rest for a part of the recording (moved furniture, people who keep still), and add the furniture to
+the room.
 
-A door that is opened or a chair that is pushed does not stay in one place long enough to be learnt as a part of the
-room, but it is not a person either.
+An opened door or a pushed chair does not stay in one place long enough to be learnt as a part of the room. But such an
+object is not a person either.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from anchorpose.recording.recording import FrameSet
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
-# minimum for each of two shares: the share at rest of the connected foreground that contains an object, and the share
-# of the object's pixels that came to rest only after the first samples
+# minimum of two shares. The first is the share at rest of the connected foreground that contains an object. The second
+# is the share of the object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
-SHOWN: Final = 33  # a sample is used if it shows this percentage of an object's pixels; people may hide the others
-# percentile of the share at rest over the sampled frames (``_whole_share``); with this percentile, it is enough if
-# nobody touches the object in a third of the frames
+SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
+# percentile of the share at rest over the sampled frames (``_whole_share``). It lets people touch the object in two
+# thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
@@ -109,8 +109,8 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """Return, for each pixel, the surface that is at rest until the last sample; it is found by the farthest readings
-    of the last second.
+    """Return, for each pixel, the surface that is at rest until the last sample. The farthest readings of the last
+    second give this surface.
     """
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]

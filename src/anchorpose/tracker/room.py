@@ -53,7 +53,7 @@ class Room:
     clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]  # one per camera, in the order of the recording
-    # best first; empty if nobody was seen in the sampled frames or nobody is to be tracked
+    # best first; empty if no person was seen in the sampled frames or no person is to be tracked
     initial_frames: tuple[InitialFrame, ...]
     review: Review  # a reviewer's corrections of earlier results
     why_nobody: str = NOBODY_SEEN  # the reason why all joints are lost if no initial frame was found
@@ -75,7 +75,7 @@ class Review:
     """A reviewer's corrections of earlier results."""
 
     joints: dict[int, CorrectedJoints] = field(default_factory=dict)  # corrected joints by frame number
-    # first and last frame number of each unusable interval, and the reason as a sentence
+    # unusable intervals: first and last frame number, and the reason as a sentence
     unusable: tuple[tuple[int, int, str], ...] = ()
     # each camera's clock in the earlier results; empty = to be estimated
     clocks: dict[str, Clock] = field(default_factory=dict)
@@ -119,8 +119,8 @@ def review_of(corrections: Corrections) -> Review:
 
 
 def require_frames(path: Path, corrections: Corrections, recording: Recording) -> None:
-    """Raise InputError if an entry names a frame that the recording lacks or has at another time, or if it names the
-    patient in a frame marked as unusable.
+    """Raise InputError if an entry's frame is missing in the recording or has another time there. Also raise it if an
+    entry names the patient in a frame marked as unusable.
     """
     clock = corrections.recording.clocks.get(recording.cameras[0].name, Clock())
     time_s = clock.reference_s(recording.streams[0].time_s)

@@ -23,11 +23,13 @@ from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import NoStart
 
-# m; a person this close to the patient's last place counts as being there: the place of a partly seen person is inexact
+# m; a person this close to the patient's last place counts as standing there, as a partly seen person's place is
+# inexact
 NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, speed at which people walk
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
-# m, width of half a trunk or a head; a patient who is seen less wide than this at the image border is leaving
+# m, width of half a trunk or a head; if the visible strip of a patient at the image border is narrower, the patient is
+# leaving
 STRIP_M: Final = 0.15
 BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
 # an image border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
@@ -78,17 +80,17 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        # this label and all higher labels belong to people who came later; the last possible label may stand for
-        # several people
+        # people who came later have this label or a higher label; the last possible label may stand for several people
         self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
         self._met, self._places, self._left = last.met, last.places, left
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
-        """Return who may be the patient in this frame, or why nobody may be. Call this method for all frames in order.
+        """Return the person who may be the patient in this frame, or the reason why no person may be. Call this method
+        for all frames in order.
 
-        If the patient has left the image, or if a new person appears in another place, the new person may be a known
-        bystander with a new label. Such a person counts as the patient only if standing in the equipment, or while all
-        bystanders are in view. A person who enters too soon after the patient has left is not the patient.
+        A new person may be a known bystander with a new label, if the patient has left the image or the person appears
+        in another place. Such a person counts as the patient only if standing in the equipment, or while all bystanders
+        are in view. A person who enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
@@ -117,9 +119,9 @@ class Search:
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
     def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
-        """Return whether a person at a place (2,) may be a bystander who is out of view: the bystander's last place is
-        nearer to this place than the patient's last place is. Such a bystander may reappear before the patient, under a
-        new label.
+        """Return whether a person at a place (2,) may be a bystander who is out of view. This is possible if the
+        bystander's last place is nearer to this place than the patient's last place is. Such a bystander may reappear
+        before the patient, under a new label.
         """
         shown = _people_in(views)
         hidden = [place for label, place in self._places.items() if label not in shown]
@@ -127,8 +129,8 @@ class Search:
 
     def expected(self, time_s: float) -> PoseBelief | None:
         """Return the pose in which a lost patient is expected: the last pose, which becomes less certain with time.
-        This pose helps to recognise the patient, since nobody turns round within a second behind a therapist. None if
-        the patient has walked out of the image.
+        This pose helps to recognise the patient: patients who are hidden behind a therapist do not turn round within a
+        second. None if the patient has walked out of the image.
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
@@ -140,7 +142,7 @@ class Search:
         """Return the people who are not bystanders seen before.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
-        Labels spread between people who touch, but the descriptor separates these people.
+        Labels may spread from one person to another who touches them, but the descriptor separates these people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -173,8 +175,8 @@ def seen_as_strip(views: Sequence[View | None], cameras: Sequence[Camera]) -> bo
 
 
 def _is_strip(view: View, camera: Camera) -> bool:
-    """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border or, if pixels at the border
-    have no readings, from the readings nearest to the border.
+    """Return whether the patient's pixels extend less than ``STRIP_M`` from an image border. If pixels at the border
+    have no readings, the extent is measured from the readings nearest to the border.
     """
     lens = camera.intrinsics
     sides = (

@@ -22,7 +22,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-# m; a rough body covers all points this close to its skin; the distance allows for clothes and the body's error
+# m; a rough body covers all points this close to its skin. The distance allows for clothes and errors of the body
 COVERED_M: Final = 0.10
 # m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
@@ -113,8 +113,8 @@ def _bodies(
 
 
 def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[RoughPerson | None]) -> np.ndarray:
-    """Return, for each person (k,), the number of a larger person whose body covers most of this person; without such a
-    larger person, return the person's own number.
+    """Return, for each person (k,), the number of a larger person whose body covers most of this person. The result is
+    the person's own number if no such larger person exists.
     """
     owner, skins = np.arange(len(people.people)), dict[int, cKDTree]()
     for number in np.argsort([-person.area_m2 for person in people.people], kind="stable").tolist():

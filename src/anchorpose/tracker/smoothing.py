@@ -1,8 +1,8 @@
 """Combine the forward and the backward pass limb by limb, and smooth the joints over time.
 
 A limb that one pass loses behind a person is often tracked by the other pass. If both passes agree on a limb, the limb
-is averaged over both. If they disagree, the limb is taken from the pass in which cameras see more of the limb at its
-estimated place. Joints are then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+is averaged over both. If the passes disagree, the limb is taken from the pass in which cameras see more of the limb at
+its estimated place. Joints are then smoothed by a Kalman smoother (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 """
 
 from __future__ import annotations
@@ -32,18 +32,20 @@ from anchorpose.tracker.room import Room, Run
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
 # m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
 APART_M: Final = 0.06
-# m, half a shoulder breadth; if the passes place the trunk farther apart than this, all limbs are taken from the pass
-# that gives the trunk
+# m, half a shoulder breadth; if the trunks of both passes are farther apart than this, all limbs are taken from the
+# pass whose trunk is used
 TRUNK_APART_M: Final = 0.15
-# cost of taking a limb from a pass in a frame, per joint of the limb that is hidden in this pass; a seen joint costs 0
+# cost of taking a limb from a pass in a frame, for each joint of the limb that is hidden in this pass; a seen joint
+# costs 0
 HIDDEN_COST: Final = 0.5
-LOST_COST: Final = 2.0  # cost of taking a limb from a pass in a frame, per joint of the limb that is lost in this pass
+LOST_COST: Final = 2.0  # cost of taking a limb from a pass in a frame, for each joint that is lost in this pass
 # cost of switching from one pass to the other; less than the cost of a joint that is hidden in one frame
 SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
-# m/s per square root of a second; a hand that starts to reach gains 1 m/s of velocity in 0.25 s: 1 / sqrt(0.25) = 2
+# m/s per square root of a second; a hand that starts to reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) =
+# 2
 ACCELERATION: Final = 2.0
 
 
@@ -68,8 +70,8 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2); then
-    the same two as predicted from the frame before, for each frame but the first.
+    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2). Then
+    return both as predicted from the frame before, for each frame but the first.
     """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
@@ -147,7 +149,7 @@ def course_of(frames: Iterable[PassResult], count: int) -> PassCourse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothing:
-    """The weights with which both passes are combined, and the combined frames."""
+    """The result of combining both passes: their weights, and the combined frames."""
 
     # (t, PARTS) weight of the second pass for trunk and limbs, 0 to 1; the first pass has 1 minus this weight
     weight: np.ndarray
@@ -222,7 +224,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        # if the passes disagree on the trunk, limbs are taken from the pass that gives the trunk
+        # if the passes disagree on the trunk, limbs are taken from the pass whose trunk is used
         weight[split, part] = weight[split, 0]
     return weight
 
@@ -239,9 +241,9 @@ def seen_less(answer: PassResult) -> float:
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Return (t,) 0 or 1: which of two courses (for example, passes) to take in each frame, so that the total cost is
-    least (Viterbi 1967). cost (2, t): of each course in each frame. The farther apart the courses are, the more a
-    switch costs, since limbs do not jump.
+    """Choose one of two courses (for example, passes) in each frame, so that the total cost is least (Viterbi 1967);
+    return its number (t,), 0 or 1. cost (2, t): cost of each course in each frame. The farther apart the courses are,
+    the more a switch costs, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -271,8 +273,8 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """Return sigma (t, 21) of the mixture. Since both passes saw the same images, agreement does not reduce sigma,
-    while disagreement increases it.
+    """Return sigma (t, 21) of the mixture. Disagreement of the passes increases sigma. Agreement does not reduce sigma,
+    since both passes used the same images.
     """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)
@@ -281,8 +283,8 @@ def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.
 
 
 def _nearer_pose(one: Pose | None, other: Pose | None, points: SkinPoints, weight: np.ndarray) -> Pose | None:
-    """Return a pose in which each body part is taken from the pose with more weight for this part. If a pose is
-    missing, return the other; None if both are missing. weight (PARTS,): weight of ``other``.
+    """Return a pose in which each body part is taken from the pose with more weight for this part. If one pose is
+    missing, return the other pose; None if both are missing. weight (PARTS,): weight of ``other``.
     """
     if one is None or other is None:
         return one or other

@@ -56,19 +56,20 @@ SEEN = 0.3
 # maximum rarity (sum of squared joint deviations) of a pose that counts as usual; correct first poses have 15 to 60,
 # wrong poses over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct starts have 0.35, wrong starts in a crowd below
-# 0.25
+# minimum quality of a start in a recording without equipment; correct starts have 0.35, wrong starts in a crowd less
+# than 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
-# maximum squared Mahalanobis distance (of 3 angles) between the pelvis of a person and the expected pelvis of a lost
-# patient; 1 patient in 10,000 turns farther
+# maximum squared Mahalanobis distance (3 angles) of a person's pelvis rotation from the rotation expected for a lost
+# patient; 1 patient in 10,000 exceeds it
 TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
 HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
-# minimum cosine between trunk and vertical at which HANGS_M is tested; the feet of people who lie may be high
+# minimum cosine between trunk and vertical for HANGS_M to be tested; it excludes people who lie, since their feet may
+# be high
 UPRIGHT = 0.7
 _ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
 
@@ -87,7 +88,7 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's pose in a frame, and so the patient's facing, decided by a longer stretch of the recording."""
+    """The patient's pose in a frame, with the facing that a longer stretch of the recording has decided."""
 
     pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
@@ -168,7 +169,7 @@ def _start_with(
     """
     if not found.found:
         return None
-    # the search corrects exchanged left and right limbs, and limbs at which the descriptor has no matches
+    # the search corrects exchanged left and right limbs, and limbs on which the descriptor found no matches
     search = search_limbs(body, found, expected or vague_belief(found.belief.pose), seen.evidence, config.registration)
     others = [*search.rivals, turned]
     if facing is None or not facing.pose.faces_away(search.registration.belief.pose):
@@ -183,7 +184,7 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose ``before``.
 
     A person who has turned so far may not be the patient. For example, a helper who was hidden together with the
-    patient often faces the patient, and so shows a camera the back if the patient showed it the front.
+    patient often faces the patient. If the patient showed a camera the front, this helper shows the camera the back.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
@@ -261,7 +262,8 @@ def quality(start: Start) -> float:
     for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
-    stays wrong for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent in
+    remains confused for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent
+    in
     a rare way.
     """
     body = build_body(body_points(), start.shape)
@@ -289,13 +291,15 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
 
 CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is this close to the patient
 MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
-# if a start has this ``quality``, no other frame is tried; 0.95 to 1 for a patient alone, 0.7 with a therapist's arm
+# if a body fits a frame so well (``best_of``), no other frame is tried; 0.95 to 1 for a patient alone, 0.7 with a
+# therapist's arm
 WELL: Final = 0.92
-# minimum of ``InitialFrame.whole`` in a frame after which no other frame is tried, since any pose fits a narrow strip
+# if no other frame is to be tried after a frame, its ``InitialFrame.whole`` must be at least this, since any pose fits
+# a narrow strip
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# share of the time span of all candidate frames; a frame nearer than this to a tried frame scores less, since it would
-# probably fail for the same reason
+# share of the time span of all candidate frames. A frame whose distance from a tried frame is smaller scores less,
+# since it would probably fail for the same reason
 APART: Final = 0.25
 
 
@@ -306,10 +310,11 @@ def rank_initial_frames(
     patient_xz_m: tuple[float, float] | None,
     cameras: Sequence[Camera],
 ) -> tuple[InitialFrame, ...]:
-    """Return the frames that show the patient; frames that show the patient well and nobody nearby come first.
+    """Return the frames that show the patient; frames that show the patient well and no other person nearby come first.
 
     frames: positions in the recording; sightings: the people in each frame. If the user gave the patient's place, only
-    the first unbroken series of frames with the patient there is used, since the user gave the place at the beginning.
+    the first unbroken series of frames with the patient at this place is used, since the place refers to the beginning
+    of the recording.
     """
     patient = choose_patient(sightings, equipment, patient_xz_m, cameras)
     if patient is None:
@@ -363,8 +368,8 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. If every initial frame shows the patient alone, nobody can be
-    confused with the patient, so the order stays the same and no body is fitted.
+    """Return the room with its best initial frame first. If every initial frame shows the patient alone, no person can
+    be confused with the patient. So the order stays the same, and no body is fitted.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
@@ -400,11 +405,11 @@ def best_of(
     """Return the first frame that shows the whole patient and that a body fits well. If no tried frame does, return the
     frame with the most probable body.
 
-    explained: returns, for a frame, how well a body fits the patient, 0 to 1, and the body's log probability in nats,
-    minus a penalty for surface far from the body. A body with the wrong facing lies near as much of the surface as the
-    correct body, but it makes the depth readings less probable, or its shape is rare. If a person behind the patient
-    has the patient's label, no body fits all of the surface. The frame with the best score is tried first, then frames
-    far from all tried frames.
+    explained: function that returns two values for a frame: how well a body fits the patient, 0 to 1, and the body's
+    log probability in nats, minus a penalty for surface far from the body. A body with the wrong facing lies near as
+    much of the surface as the correct body. But the depth readings are less probable with this body, or its shape is
+    rare. If a person behind the patient has the patient's label, no body fits all of the surface. The frame with the
+    best score is tried first, then frames far from all tried frames.
     """
     left, tried = list(candidates), list[tuple[float, InitialFrame]]()
     while left and len(tried) < TRIES:

@@ -1,8 +1,8 @@
 """Find where all people moved since the last frame, from the depth images alone.
 
-At a low frame rate a walking person moves a quarter of a metre between frames, too far to be recognised by the
-remembered or predicted skin. So the points at which each person was last seen are moved over the ground and compared
-with the new frame.
+At a low frame rate, a walking person moves a quarter of a metre between frames. This is too far for the person to be
+recognised by the remembered or predicted skin. So the points at which each person was last seen are moved over the
+ground and compared with the new frame.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s 
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
 # m, maximum gap between a moved point and the reading at its pixel: half of GRID_M, plus clothes and noise
 SAME_M: Final = 0.06
-# m; if a reading is this far behind a point, the reading refutes the point: the person's skin is not there
+# m; a reading this far behind a point refutes the point: the person's skin is not there
 PAST_M: Final = 0.15
-POINTS: Final = 250  # maximum number of points used per person; so few give the share found a sampling error of 0.03
-STAYED: Final = 0.6  # if this share of a person's points is found again without a step, the person has not walked
-PLACED: Final = 0.4  # no step is needed if this share of the predicted skin is found; limbs in front may hide the rest
+POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
+STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
+PLACED: Final = 0.4  # if this share of the predicted skin is found, no step is needed; limbs in front may hide the rest
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
-MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; more do not fit into an image
+MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; an image has no room for more
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
 APART_M: Final = 0.25  # m, minimum distance between two people's places, and between two considered steps of a person
-LEAST_POINTS: Final = 60  # minimum number of a person's points (a hand has as many); with fewer, no step is found
+LEAST_POINTS: Final = 60  # minimum number of a person's points, as many as on a hand; with fewer, no step is found
 
 
 def find_steps(
@@ -45,9 +45,9 @@ def find_steps(
     no entry.
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at the point's depth, as refuted if a camera sees past the point (reads something farther
-    away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest refuted
-    is chosen.
+    pixel of a person lies at the point's depth. It counts as refuted if a camera sees past the point (reads something
+    farther away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest
+    refuted is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
@@ -172,8 +172,8 @@ def _look(
     free: np.ndarray,
     found: np.ndarray,
 ) -> None:
-    """Set ``found`` to 1 for each moved point with a free pixel (no other person's) at the point's depth, and to -1 if
-    the camera sees past the point.
+    """Set ``found`` to 1 for each moved point whose pixel is free (not another person's) and has the point's depth. Set
+    it to -1 if the camera sees past the point.
     """
     height, width = depth.shape
     for k in range(len(steps)):

@@ -43,7 +43,7 @@ CAMERA: Final = Camera(
 def start_warm_up() -> subprocess.Popen[bytes]:
     """Start the second process. The process ends by itself; its result is the cache of compiled kernels.
 
-    If the second process fails, only time is lost, since the first process then compiles the kernels itself.
+    If the second process fails, the first process compiles the kernels itself, which only takes longer.
     """
     run = f"from {__name__} import warm_up; warm_up()"
     return subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
