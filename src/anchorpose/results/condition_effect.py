@@ -29,8 +29,8 @@ from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""Ways in which the order of conditions may have been drawn at random: within pairs of successive trials, within blocks
-of trials that the events file states, or over all trials.
+"""Names of the ways in which the order of conditions can have been randomised: within pairs of successive trials,
+within blocks of trials (stated in the events file), or over all trials.
 """
 
 
@@ -41,10 +41,10 @@ class Effect:
     reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
     difference: condition minus reference; low, high: its 95 % interval, None if there are too few trials. p: p value of
     the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
-    conditions to trials, not from a sample. detectable: the difference that errors of measurement alone exceed only 5
-    times in 100, or the MDC95 (minimal detectable change) of repeated sessions if this is larger; None if neither is
-    known. repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference
-    is not tested; then p is None.
+    conditions to trials, not from a sample. detectable: smallest difference that counts as real. It is the limit that
+    errors of measurement alone exceed only 5 times in 100, or the MDC95 (minimal detectable change) of repeated
+    sessions, whichever is larger; None if both are unknown. repeated: whether detectable is an MDC95. design:
+    ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference is not tested, if p is None.
     """
 
     reference: str
@@ -74,7 +74,8 @@ def effects(
     """Return the effect on one measure of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
-    if it is known from repeated sessions. untested: by condition, why its effect on this measure is not tested.
+    if it is known from repeated sessions. untested: for conditions whose effect on this measure is not tested, the
+    reason, by condition.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -170,10 +171,10 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
     the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
 
-    The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
-    to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
-    cancel in the difference as far as they are equally large; the variance of the remainder is added to that of the
-    scatter.
+    The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
+    variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
+    fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
+    the variance of the scatter.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))

@@ -184,7 +184,7 @@ measured here.
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the angle of the upper arm against the trunk, whatever direction the arm is raised in: 0 = hanging along
+    """Return the angle between the upper arm and the trunk, in whatever direction the arm is raised: 0 = hanging along
     the trunk, pi = overhead.
     """
     trunk = points["SpineBase"] - points["SpineShoulder"]
