@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATIENT: Final = "patient"
-WITHIN_M: Final = (
-    0.1  # m; ``confidence`` is the probability that a joint's error is smaller; larger errors affect measures
-)
+WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a joint error below this; larger errors affect measures
 EVEN: Final = 0.01  # maximum difference of the intervals between evenly spaced frames, as a share of an interval
 
 
