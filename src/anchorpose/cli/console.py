@@ -107,8 +107,7 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
 def open_page(page: Path) -> bool:
     """Open a page of this computer in the browser; return False if no browser can be opened.
 
-    No browser is opened in continuous integration (CI), if the output goes to a file or another program, or on a remote
-    machine without a display.
+    No browser opens in CI, on a remote machine without a display, or if the output goes to a file or another program.
     """
     import webbrowser
 
