@@ -29,9 +29,7 @@ from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""Clock domains, by their names in librealsense, that give times on the computer's clock. With such times, the age of
-an image is known.
-"""
+"""Clock domains of librealsense that give times on the computer's clock, so that an image's age is known."""
 
 
 @dataclass(slots=True, eq=False)
@@ -144,9 +142,7 @@ class Orbbec:
     about: Recording | None
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
-    first: (
-        bytes  # header of the first image, which was read when the camera was opened, since it states the depth scale
-    )
+    first: bytes  # header of the first image; opening the camera has read it, since it has the depth scale
     _asked_s: float = np.inf  # when waiting for an image began, by time.monotonic; inf if no image is awaited
 
     def images(self, stop: Event) -> Iterator[LiveImage]:

@@ -220,9 +220,7 @@ def in_room(folder: Path, room: Room) -> Recording:
 STEP_S: Final = 0.2  # s, minimum time between two collected sets, in which patients in a standing frame move little
 # s, maximum gap between tracked frames, since after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = (
-    2.0  # minimum speed of tracking collected sets, relative to real time; above 1, so that the backlog shrinks
-)
+PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
 PATIENCE_S: Final = 0.5
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the heights of a person's points that counts as the top of the head; higher points may be outliers
+TOP: Final = 0.98  # quantile of the heights of a person's points that counts as the top; higher points may be outliers
 
 
 @dataclass(frozen=True, slots=True)
