@@ -1,4 +1,6 @@
-"""Give bodies what the tracker's shape space lacks: segments of any human length and girth, shoes, braces, stumps."""
+"""Change bodies in ways that the tracker's shape space lacks: segments of any human length and girth, shoes, braces,
+stumps.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +59,8 @@ class Scales:
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all body segments. Scales are independent, except that those of left and right segments are
-    nearly equal.
+    """Draw the scales of all body segments. Scales of different segments are independent, but left and right segments
+    have nearly equal scales.
     """
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":

@@ -15,7 +15,7 @@ from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
 OVERLAP_S: Final = 0.4  # s, time over which the end of one repetition is blended into the start of the next
-STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; the axis of an elbow that is bent by less comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
@@ -131,7 +131,7 @@ def _bending_axis(arm: np.ndarray) -> np.ndarray:
     trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
     axes = np.zeros((len(arm), 3))
     axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
-    # frames are visited backward first, to give the first frames an axis
+    # the backward pass comes first, so that the first frames have an axis, too
     for times in (range(len(arm) - 1, -1, -1), range(len(arm))):
         for t in times:
             carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])

@@ -1,4 +1,4 @@
-"""Find when and where the feet of a captured movement stand, step and rise, and keep standing feet still.
+"""Find when and where the feet of a captured movement stand, step and leave the floor, and keep standing feet still.
 
 A Kinect v2 records ankle movements of centimetres even while a foot stands still. A standing foot is therefore kept in
 one place, a rising heel turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
@@ -15,13 +15,13 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m; a captured ankle that rises by less than this counts as standing: the rise is noise
+WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; so small a rise is noise
 CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` is set to 0; a rise this far above ``WAVER_M`` is kept in full
-# m; if an ankle rises and travels by less than these distances, only the heel has left the floor
+# m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
 SHORTEST_STAND_S: Final = 0.25  # s, minimum time for which a standing foot stays in one place
-SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
+SAME_PLACE_M: Final = 0.08  # m, maximum distance between two places of a foot that count as the same place
 EASE_S: Final = 0.15  # s, duration of the transitions between standing and stepping
 YAW_LIMIT: Final = 0.5  # rad, maximum angle of a standing foot from straight ahead, to the left or right
 

@@ -1,4 +1,5 @@
-"""Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
+"""Render noise-free depth images. The room is rendered once, by rays; people are rendered in every frame, by a depth
+buffer.
 
 A depth buffer draws the 27,000 triangles of a body in a few milliseconds. Rays would need a search tree over the
 triangles, which takes tens of milliseconds.
@@ -114,8 +115,8 @@ def first_hits(
 def _draw(
     points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. The lens bends edges, but they are drawn
-    straight, because triangles are small.
+    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. Edges are drawn straight although the lens
+    bends them, since triangles are small.
     """
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)

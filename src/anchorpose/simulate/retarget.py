@@ -167,7 +167,7 @@ def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but lower none below half of ``STEP_HEIGHT_M``."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)

@@ -25,7 +25,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
-# m; skin whose depth differs by less than this from the depth in its pixel is seen; a pixel is 7 mm wide at 2.5 m
+# m; maximum difference between the depth of seen skin and the depth in its pixel; a pixel is 7 mm wide at 2.5 m
 SAME_SKIN_M: Final = 0.03
 
 
@@ -42,7 +42,7 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
-    """A clinic with all that is computed once, before the images of its frames."""
+    """A clinic, with everything that is computed once before the images of its frames."""
 
     clinic: Clinic
     stills: tuple[TrueImage, ...]  # one per camera: the empty room

@@ -1,4 +1,4 @@
-"""Draw the people around the patient: therapists, who walk in, hold the patient and leave; and people who pass by."""
+"""Draw the people around the patient: therapists, who walk in, hold the patient and leave; and passers-by."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows
 FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
 LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
-# rad, added to the bend of finger joints: fingers are curled in the rest pose, and lie flat on skin with this
+# rad, change of the bend of finger joints that lays the fingers, which are curled in the rest pose, flat on skin
 FLATTENING = -0.45
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
@@ -64,7 +64,7 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down; a therapist cannot lean or crouch far enough to follow
+        # a patient with a captured movement may sit down, and no therapist can lean or crouch far enough to follow
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:

@@ -1,4 +1,4 @@
-"""Write a simulated recording with the images that its recorder keeps, and the truth about it."""
+"""Write a simulated recording, with the images that its recorder keeps, and the recording's truth."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # cluttered rooms have no background.png: real rooms are hardly ever emptied
+        if clinic.scene is None:  # cluttered rooms have no background.png, since real rooms are hardly ever emptied
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -193,7 +193,9 @@ class Record:
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """Draw which images camera ``index`` writes. The first camera writes all, since the truth has a row for each."""
+    """Draw which images camera ``index`` writes. The first camera writes all of its images, since the truth has a row
+    for each.
+    """
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)

@@ -40,7 +40,8 @@ class Mover:
 
 
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
-    """Return a piece that stands at ``starts_m`` along a lane until a person who walks along the lane pushes it.
+    """Return a piece of furniture that stands at the distance ``starts_m`` along a lane, until a person who walks along
+    this lane pushes it.
 
     The piece faces the direction of the push. After the push, the piece stays at the place at which the person turns
     back.

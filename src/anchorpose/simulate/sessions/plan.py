@@ -24,7 +24,7 @@ BLOCK: Final = 2  # number of trials of each condition in a block; their order w
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
 SIDES_DEG: Final = 2.0  # degrees, maximum difference in flexion between a patient's extended knees
-# degrees, standard deviation of held knee flexion from trial to trial; assumed for a patient whose trials are alike
+# degrees, standard deviation of held knee flexion between trials; assumed for a patient with similar trials
 SCATTER_DEG: Final = 1.5
 LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
