@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # m; a greater number from a solver means that no path leads to the node
+LONGEST_M: Final = 1e6  # m, maximum distance; a solver returns a greater number for a node to which no path leads
 
 
 class Solver(StrEnum):

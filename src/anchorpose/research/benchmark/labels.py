@@ -14,7 +14,7 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is taken as the skin's depth
+PATCH_PX: Final = 3  # pixels from a label to the sides of a square; the median depth in it counts as the skin's depth
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
@@ -87,8 +87,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each labelled joint, the distance (m) from label to tracked joint without its part along the line of
-    sight.
+    """Return, for each labelled joint, the distance (m) of the tracked joint from the label, perpendicular to the line
+    of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
     behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.

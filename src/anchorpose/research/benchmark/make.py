@@ -123,7 +123,9 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings, true joints, nodes and, in the format of answers, their true matches."""
+    """Make all files of one seed: recordings, true joints, nodes, and the nodes' true matches in the format of
+    answers.
+    """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)

@@ -1,6 +1,6 @@
-"""Score answers task by task, and compare two sets of answers, question by question.
+"""Score answers by task, and compare two sets of answers by the questions that both answer.
 
-A missing answer counts as farther from the truth than any limit; the share of missing answers is also given.
+A missing answer counts as an error above every limit. The share of missing answers is reported, too.
 """
 
 from __future__ import annotations

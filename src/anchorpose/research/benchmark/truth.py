@@ -1,4 +1,6 @@
-"""Compute where the nodes of a frame truly are in another frame, and how far matches are from there along the skin."""
+"""Compute the true places of a frame's nodes in another frame, and the distances of matches from them along the
+skin.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Provide what every method of the experiment is given: the body, the pose at the start, and the patient's pixels.
+"""Provide the data that every method of the experiment is given: the body, the pose at the start, and the patient's
+pixels.
 
 The paper takes body, pose and pixels from the sensor's own tracker on unoccluded data. In this experiment, these three
 come from this project's tracker on the recording without holes. No method sees the truth.
@@ -32,7 +33,7 @@ from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):
-    """The patient was not found in the recording without holes, so no method can start."""
+    """The error if the patient is not found in the recording without holes, so that no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

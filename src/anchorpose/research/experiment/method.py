@@ -57,10 +57,10 @@ class Family(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method and its possible settings. The setting that is used is chosen on the training recordings.
+    """A method and its possible settings. The setting to use is chosen on the training recordings.
 
-    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. A method without anchors (``anchored``
-    is False) is called only once for frames that differ only in their anchors.
+    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. If ``anchored`` is False, the method is
+    called only once for observations that differ only in their anchors.
     """
 
     key: str
@@ -99,7 +99,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            # all nodes are matched at once, which is faster: nearly all of their matches are requested in the end
+            # all nodes are matched at once, which is faster, since nearly all matches are requested in the end
             @cache
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)

@@ -106,7 +106,8 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-# m, scale of the robust kernel in each step that moves an arm; large at first, when the arm is far from its matches
+# m, scale of the robust kernel in each step that moves an arm; large at first, since the arm is then far from its
+# matches
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)
 BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
 HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place

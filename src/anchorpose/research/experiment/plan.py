@@ -77,11 +77,11 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-# scenes in which variants of the tracker that lack a component run; in all other scenes, tracking is too easy to
-# compare the variants
+# Scenes in which the ablated variants of the tracker run. In all other scenes, tracking is too easy to compare the
+# variants.
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-# m, radius of the hole in half of the pairs of training frames; the other pairs have no hole, since a setting must work
-# for both
+# Radius in m of the hole in half of the pairs of training frames. The other pairs have no hole, since a setting must
+# work for both.
 TUNING_HOLE_M: Final = 0.12
 
 

@@ -139,7 +139,8 @@ def run_experiment(
     return results
 
 
-# s of computing besides the tasks: every process compiles or loads kernels, and the pictures and the page are made
+# Estimated seconds of computing in addition to the tasks: kernels are compiled or loaded in every process, and pictures
+# and page are made.
 AROUND_S: Final = 240.0
 
 

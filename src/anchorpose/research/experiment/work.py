@@ -62,7 +62,8 @@ class TrackedJoints:
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
     """Return the first frames of the segments (``length`` frames) in which the patient was found in every frame.
 
-    found: (frames,) bool. Other segments are left out, since methods could not be given the patient's pixels there.
+    found: (frames,) bool. Other segments are left out, since the patient's pixels, which methods need, are unknown
+    there.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 

@@ -61,15 +61,16 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 class GmdsConfig:
     """Resolution and effort of the search."""
 
-    # number of samples, 7 cm apart on a body; with 50, the mirror image more often fits as well as the truth
+    # Number of samples, which are 7 cm apart on a body. With 50 samples, the mirror image would more often fit as well
+    # as the truth.
     samples: Count = 100
     first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more sample
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
     starts: Count = 24  # number of maps of first samples that are extended to all; many mirror the body or swap limbs
     finalists: Count = 3  # number of best maps in which, in the last step, samples may move from candidates to any node
-    # m; greater changes of a distance count as this value, since all distances to a hand change when it touches the
-    # body
+    # Maximum change of a distance in m; greater changes count as this value, since all distances to a hand change when
+    # it touches the body.
     cap_m: Positive = 0.15
     sweeps: Count = 10  # maximum number of sweeps over all samples; the search usually converges in four sweeps
     # minimum share of all nodes that a piece needs to be matched (3 %: a forearm); smaller pieces have no recognisable

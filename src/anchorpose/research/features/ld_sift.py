@@ -34,7 +34,7 @@ REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
 class Beyond(StrEnum):
     """The value of the depth map at pixels without surface."""
 
-    UNKNOWN = "unknown"  # NaN, without a gradient: the end of the camera's view is not part of the shape
+    UNKNOWN = "unknown"  # NaN, so no gradient: the end of the camera's view is not part of the shape
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
 

@@ -166,11 +166,11 @@ class HksConfig:
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
-    The signature is the heat that is left at a node at time t if heat was put there at time 0: sum_i exp(-lambda_i t)
-    phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time of 1 m². The
-    logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral over the largest
-    piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere if times should
-    come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
+    The signature is the heat that remains at a node at time t if a unit of heat is put there at time 0: sum_i
+    exp(-lambda_i t) phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time
+    of 1 m². The logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral
+    over the largest piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere
+    if times should come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
     (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()

@@ -26,14 +26,14 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-# sigma^2, maximum squared deviation of a distance or place; greater values, which occlusions cause, are set to this
-# maximum, and so is the deviation of an unknown distance
+# Maximum squared deviation of a distance or place, in sigma^2. Greater values, which occlusions cause, are set to this
+# maximum, and so is the deviation of an unknown distance.
 MOST: Final = 9.0
-# sigma^2, maximum squared deviation of a signature; a hole beside a node changes its signature, so greater values are
-# set to this maximum
+# Maximum squared deviation of a signature, in sigma^2. Greater values are set to this maximum, since a hole beside a
+# node changes the node's signature.
 MOST_SHOT: Final = 18.0
-# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s moves this far in 0.1 s, and
-# its descriptor still identifies it
+# Maximum distance in m of a match from the predicted place. A hand at 3 m/s moves this far in 0.1 s, and its descriptor
+# still identifies it.
 GIVEN_UP_M: Final = 0.30
 # number of nodes matched at once, to save memory: 500 nodes with 2,000 possible matches each need 4 MB
 ROWS: Final = 500
@@ -63,7 +63,7 @@ SETTINGS: Final = (
 def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
     """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker.
 
-    If bad matches are rejected, these are the matches farther than ``GIVEN_UP_M`` from the predicted place.
+    If bad matches are rejected, matches farther than ``GIVEN_UP_M`` from the predicted place count as bad.
     """
     tree = config.tree if config.tree.missed_cost_m == NEVER_M else TreeConfig(missed_cost_m=GIVEN_UP_M)
     hypotheses = HypothesisConfig(trusted_only=False)
@@ -141,7 +141,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # a node that deviates more than this in signature and place alone is not the most similar
+        worst = sums.max()  # nodes that deviate more in signature and place alone are not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue

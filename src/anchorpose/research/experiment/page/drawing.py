@@ -37,7 +37,7 @@ LOOK: Final = {
 }
 """Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, low so that the intervals of 20 methods hide no means
+PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, so low that those of 20 methods hide no means
 
 MARKS: Final = "osD^vP*X"
 """Matplotlib's markers for the methods of one family, in the order of the methods."""

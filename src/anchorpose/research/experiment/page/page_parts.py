@@ -91,7 +91,7 @@ SIGNS: Final = {
 
 
 MOST_NAMED: Final = 3
-"""Comparisons with the answer no are listed in a claim's short text if their number is at most this."""
+"""Maximum number of comparisons with the answer no that are listed in a claim's short text; more are not listed."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:

@@ -131,7 +131,9 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return how many planned segments of the simulated recordings no method ran on, and how many were planned."""
+    """Return two numbers: the planned segments of the simulated recordings on which no method ran, and all planned
+    segments.
+    """
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:

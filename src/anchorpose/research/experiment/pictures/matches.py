@@ -1,4 +1,4 @@
-"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong ones."""
+"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, both right and wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # section of pictures that show one method each; the page shows only the picture of all methods
+ALONE = "match"  # section of the pictures of single methods; the page shows only the picture of all methods
 DRAWN_SHARE: Final = 0.01  # share of the matches that are drawn, as in the paper; more lines would hide each other
 RIGHT_M: Final = 0.05  # m, maximum error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
