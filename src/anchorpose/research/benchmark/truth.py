@@ -1,6 +1,4 @@
-"""Compute the true places of a frame's nodes in another frame, and the distances of matches from them along the
-skin.
-"""
+"""Compute true places of a frame's nodes in another frame, and the distances of matches from them along the skin."""
 
 from __future__ import annotations
 
