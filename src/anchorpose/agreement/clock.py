@@ -33,7 +33,7 @@ LONGEST_GAP_S: Final = 0.15
 too.
 """
 
-MOST_SIGNALS: Final = 40  # maximum number of compared signals; those that vary most are used
+MOST_SIGNALS: Final = 40  # maximum number of compared signals; the signals that vary most are used
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0

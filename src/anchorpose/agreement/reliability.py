@@ -182,9 +182,9 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from
-    those of the other sessions by a factor of ``OTHER_UNIT`` or more; None if no values do. grid (subjects, repeats):
-    the values.
+    """Return the beginning of a sentence on values in another unit: of a session, or of one subject's session, whose
+    values differ from the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without such values. grid
+    (subjects, repeats): the values.
 
     A single value may be near zero by nature. So a session counts as having too large a unit only if all of its values
     are small.
@@ -211,7 +211,7 @@ def _times(some: np.ndarray, others: np.ndarray) -> float:
 
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
-    """Return the rows as CSV text, with empty cells where there is no value."""
+    """Return the rows as CSV text, with an empty cell for each missing value."""
     return csv_text(COLUMNS, (astuple(row) for row in rows))
 
 

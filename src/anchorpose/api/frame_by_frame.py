@@ -195,7 +195,7 @@ class Tracker:
                 self._begin()
 
     def _learn(self) -> Estimate | None:
-        """Learn from the first seconds; return the newest estimate, or None if nobody is found (``why`` gives the
+        """Learn from the first seconds; return the newest estimate, or None if no patient is found (``why`` gives the
         reason).
         """
         seen = [writer.folder.name for writer in self._writers if writer.written]

@@ -145,7 +145,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Return why a session failed in its last run; None if the session did not fail or has not run."""
+    """Return the reason why a session failed in its last run; None if it did not fail or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -184,7 +184,7 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session, except those that refer to one other person; empty if the session was not
+    """Return the measures of a session, without measures about a single other person; empty if the session was not
     measured.
     """
     path = results / MEASURES_FILE

@@ -70,8 +70,8 @@ def level_of(value: float, yellow: float, red: float) -> Level:
 
 
 def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
-    """Join the parts of several cameras to one finding with the worst level; cameras are named if there is more than
-    one.
+    """Join the parts of several cameras to one finding with the worst level; with several cameras, the finding names
+    them.
 
     If some parts are not green, green parts and their remedies are left out.
     """
@@ -119,7 +119,7 @@ class Material:
     """The material that the checks examine. recording: the recording; its cameras have one common clock if ``settled``
     is known. settled: clocks and poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras'
     poses are unknown; ``refusal`` has the reason. successive: pairs of successive frames, between which people hardly
-    move. patient: the patient in some of the sampled frames; empty if nobody was found.
+    move. patient: the patient in some of the sampled frames; empty if no patient was found.
     """
 
     recording: Recording

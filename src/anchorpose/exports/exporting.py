@@ -70,7 +70,7 @@ def _described(
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """Write a CSV for each table that holds no images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
 
-    If there are trials, measures_by_trial.csv has a row per trial and measure.
+    If the results have trials, also write measures_by_trial.csv, with a row per trial and measure.
     """
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None

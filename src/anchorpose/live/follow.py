@@ -103,7 +103,7 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """Return where (2,) the patient was last seen; None if the patient is lost."""
+        """Return the place (2,), x and z, at which the patient was last seen; None if the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 

@@ -53,7 +53,7 @@ class Recorder:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
         self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
-        self._began_s: float | None = None  # the same for the recording's first camera; None until known
+        self._began_s: float | None = None  # when the first camera's first image was taken; None until known
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
@@ -205,7 +205,7 @@ def _finish_camera(folder: Path, camera: Camera) -> bool:
 
 
 def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
-    """Remove all cameras except those named in ``kept`` from a recording's document, and add a note on each removed
+    """Remove all cameras that ``kept`` does not name from a recording's document, and add a note on each removed
     camera.
     """
     found = read_json(document)

@@ -179,8 +179,8 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw where each place on the skin moves, according to the best branch of the track tree; None without a next
-    frame.
+    """Draw, as arrows, the movement of places on the skin according to the best branch of the track tree, and crosses
+    at nodes without a match; None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None

@@ -195,7 +195,7 @@ ROUNDING_S: Final = 0.001  # s; a shorter time of unknown posture, or without th
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
     """Return a row per printed measure: title, value with its error, share of frames with inferred joints, and the
-    reason if there is no value.
+    reason if the value is missing.
     """
     rows, lower_bounds = [], _lower_bounds(measures)
     for name in PRINTED:

@@ -91,8 +91,8 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or has frames
-    other than those of the table of joints.
+    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or does not have
+    the same frames as the table of joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:

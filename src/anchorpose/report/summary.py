@@ -149,7 +149,7 @@ def _rested(contacts: Sequence[Contact]) -> Markup:
 
 
 def _touched_by(contacts: Sequence[Contact], everywhere: bool) -> Markup:
-    """Return who touched the patient. everywhere: whether the patient was found in all frames."""
+    """Return a text on who touched the patient. everywhere: whether the patient was found in all frames."""
     people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(

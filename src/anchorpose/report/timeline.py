@@ -138,7 +138,7 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """Return the names of those tables of posture and contacts that exist."""
+    """Return the names of the existing tables of posture and contacts."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
@@ -310,7 +310,7 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return how far an event went (``Episode.depth``), with 1.96 times its sigma."""
+    """Return the depth of an event (``Episode.depth``) as text, with 1.96 times its sigma."""
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)

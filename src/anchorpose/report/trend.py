@@ -41,8 +41,8 @@ NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
-    """Parse the dates of the sessions; None without dates. Raises InputError unless there is one valid date per
-    session, in the order of time.
+    """Parse the dates of the sessions; None without dates. Raises InputError unless each session has a valid date, in
+    the order of time.
     """
     if not texts:
         return None

@@ -39,8 +39,8 @@ class Effect:
     """The effect of a condition on a measure, compared with the reference condition.
 
     reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
-    difference: condition minus reference; low, high: its 95 % interval, None if there are too few trials. p: p value of
-    the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
+    difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
+    value of the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
     conditions to trials, not from a sample. detectable: smallest difference that counts as real. It is the limit that
     errors of measurement alone exceed only 5 times in 100, or the MDC95 (minimal detectable change) of repeated
     sessions, whichever is larger; None if both are unknown. repeated: whether detectable is an MDC95. design:
@@ -124,8 +124,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the two
-    conditions' trials in the order of time, and the block of each of these trials.
+    """Return the way in which the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the
+    two conditions' trials in the order of time, and the block of each of these trials.
 
     A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """
@@ -141,7 +141,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return a sentence on how many trials were recorded, and how many are needed for a significant p."""
+    """Return a sentence that states the number of recorded trials, and the number needed for a significant p."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:

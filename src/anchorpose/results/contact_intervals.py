@@ -151,7 +151,7 @@ class ContactIntervals:
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
         """Return, for each part of the patient (``REGIONS``) that is touched in the last frame, whether a camera sees
-        the touch. Only touches by equipment count if ``by_equipment``, else only those by people.
+        the touch. If ``by_equipment``, only touches by equipment count, else only touches by people.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():

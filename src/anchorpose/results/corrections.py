@@ -1,9 +1,9 @@
 """Define a reviewer's corrections of tracked results, and read and write their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
-Frames and times are those of the results' tables; positions are in the world frame of these tables. No entry is ever
-deleted: a correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a
-correction that had replaced an earlier correction, the earlier correction is valid again.
+Frames, times and positions are as in the results' tables, in the same world frame. No entry is ever deleted: a
+correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a correction that had
+replaced an earlier correction, the earlier correction is valid again.
 """
 
 from __future__ import annotations
@@ -189,8 +189,8 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """All corrections of a recording: valid ones, and withdrawn ones (taken back or replaced). patient: None if nobody
-    was named.
+    """All corrections of a recording: valid ones, and withdrawn ones (taken back or replaced). patient: None if no
+    reviewer named the patient.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

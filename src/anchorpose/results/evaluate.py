@@ -211,7 +211,7 @@ def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """Return the mean; None if there are no values."""
+    """Return the mean of the values; None without values."""
     return float(values.mean()) if len(values) else None
 
 
@@ -292,8 +292,8 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""The truth's times are taken to be in another unit if the truth's frame interval and duration are both smaller than
-those of the results by more than this factor. For a truth in minutes, both are 60 times smaller.
+"""Minimum factor by which the truth's frame interval and duration are both smaller than in the results, for the truth's
+times to count as in another unit. For a truth in minutes, both are 60 times smaller.
 """
 
 

@@ -81,9 +81,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """Return how badly each frame (n,) is explained: the uncovered area divided by ``UNCOVERED_CM2``, or the largest
-    share of a part that is seen past divided by ``SEEN_PAST``, whichever is larger. At 1 or more, a limb is probably
-    not where it is reported. The result is NaN if neither quantity is known.
+    """Return the badness (n,) of each frame's explanation. It is the larger of two ratios: the uncovered area divided
+    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. At 1 or more, a
+    limb is probably not where it is reported. The result is NaN if neither quantity is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

@@ -214,8 +214,8 @@ def unfinished_results(
     unfinished run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a
     second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: text
     that states the command with which a stopped run is resumed. Raises InputError, before anything is written, if
-    results may not be written to ``path``, if another folder is called ``.NAME.unfinished``, or if there is an
-    unfinished run and neither ``resume`` nor ``overwrite`` is given.
+    results may not be written to ``path``, if another folder is called ``.NAME.unfinished``, or if an unfinished run
+    exists and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)

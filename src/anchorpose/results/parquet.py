@@ -217,8 +217,8 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError if the file is not
-        such a table.
+        """Read all records, or the records that the pyarrow expression ``rows`` selects; raises InputError if the file
+        is not such a table.
         """
         table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:

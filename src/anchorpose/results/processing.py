@@ -128,8 +128,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
     """Filter values (n, ...) along the first axis by a Butterworth low-pass of effective order four, without delay.
 
     rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: the frequency at which the two passes
-    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer
-    values than ``shortest_frames``.
+    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or if values has fewer
+    rows than ``shortest_frames``.
     """
     from scipy.signal import butter, sosfiltfilt  # takes a third of a second, and few recordings are filtered
 

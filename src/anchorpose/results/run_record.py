@@ -240,7 +240,7 @@ class RunRecord:
     poor_depth: tuple[PoorInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None if no frame was tracked
     body: BodyRecord | None = None  # None if the patient was never found
-    patient: PatientRecord | None = None  # None if nobody was tracked
+    patient: PatientRecord | None = None  # None if no patient was found
     corrections: CorrectionsRecord | None = None
     calibration: CalibrationUsed | None = None  # None if the recording gives the poses, or tracking found them
     pictures: tuple[PictureRecord, ...] = ()
@@ -350,7 +350,7 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of run.json without those hashes of inputs that have a valid form. An hour's recording has
+    """Return the content of run.json without the hashes of inputs that have a valid form. An hour's recording has
     324,000 hashes; checking them one by one with the record would take longer than all other checks.
     """
     hashes = run.get("inputs_sha256")

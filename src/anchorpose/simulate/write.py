@@ -128,7 +128,8 @@ class Sight:
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
-    """Write the truth with which tracking is compared: t frames, those of the first camera; places in world metres.
+    """Write the truth with which tracking is compared. Its t frames are the frames of the first camera; places are in
+    metres, world.
 
     occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera.
     In addition to the keys of the file format, the file has these arrays (n other people):
@@ -141,7 +142,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none
     - clock_late, clock_drift, clock_epoch (cameras,): an image with stamp s was taken at (s - epoch) + late +
       drift * (s - epoch), seconds
-    - taken_s (cameras, t): when the image of that number on the disk was taken, NaN if there is none
+    - taken_s (cameras, t): time at which the image of that number on the disk was taken, NaN if it is missing
     - doubled (cameras, t): whether the image on the disk repeats an earlier image
     - camera_to_world (cameras, 4, 4): only for cluttered rooms, equal to T_world_camera
     - only for sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:

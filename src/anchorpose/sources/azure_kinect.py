@@ -216,8 +216,8 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Yield the packets except those with a damaged time: later than the time of the next packet, or not later than
-        the time of the previous packet.
+        """Yield the packets, but leave out packets with a damaged time: a time that is later than the next packet's, or
+        not later than the previous packet's.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.

@@ -44,8 +44,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# Limits in m of the median of an image's readings, if the readings are in metres. The median of readings in millimetres
-# exceeds ``FARTHEST_M``.
+# Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
+# exceeds the maximum ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files

@@ -46,7 +46,7 @@ recordings, the misfit of the right sensor file was 0.15 to 0.67.
 
 SENSOR_SIGMA_S: Final = 0.01
 """Sigma in s of the offset's error due to the movement of skin and muscle under a sensor. The accelerometer and the
-gyroscope of one sensor on the thigh gave offsets 10 ms apart, although the sigma of each was within 8 ms.
+gyroscope of one sensor on the thigh gave offsets 10 ms apart, although each offset was certain to within 8 ms.
 """
 
 ROUNDS: Final = 3

@@ -66,7 +66,7 @@ class Score:
 
     answers: Answers
     part: Part
-    other_bytes: tuple[str, ...]  # same meaning as in ``Benchmark``
+    other_bytes: tuple[str, ...]  # one sentence per recording with another fingerprint, as in ``Benchmark``
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group
 

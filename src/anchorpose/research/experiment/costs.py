@@ -50,8 +50,8 @@ class Costs:
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return how often a method tracks one recording of the paper's scene: once per pair of a form and a size of hole
-    with which it runs.
+    """Return the number of times that a method tracks one recording of the paper's scene: once for each pair of a form
+    and a size of hole with which it runs.
     """
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)

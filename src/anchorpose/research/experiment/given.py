@@ -67,7 +67,7 @@ class Reference:
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
     """Track the recording without holes by this project's tracker. labelled: whether to include the labels of pixels.
 
-    Raises NoReference if nobody is found, and InputError if the cameras' poses in the world cannot be found.
+    Raises NoReference if no patient is found, and InputError if the cameras' poses in the world cannot be found.
     """
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))

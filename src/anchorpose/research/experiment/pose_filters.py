@@ -54,7 +54,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the pose and its uncertainty after the filter's update by ``rows``; the prediction if there are no rows.
+    """Return the pose and its uncertainty after the filter's update by ``rows``; without rows, return the prediction.
 
     seed: seed of the random particles.
     """

@@ -292,7 +292,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return those frames of tracked joints that other methods also have: the segments without their first frames."""
+    """Return the frames of tracked joints that the other methods have, too: the segments without their first frames."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True

@@ -46,7 +46,8 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of the axis's two directions, the one in which the surface rises is returned. The result is NaN without a surface.
+    Of the axis's two directions, the direction in which the surface rises is returned. The result is NaN without a
+    surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):

@@ -107,8 +107,9 @@ class TransitionConfig:
     """Settings of transitions between sitting and standing. A patient sits if both thighs are nearly level, the pelvis
     rests for a while, and the centre of mass is behind the heels.
 
-    So a squat does not count as sitting: the pelvis does not rest in a short squat, and nobody squats with the centre
-    of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood up.
+    So a squat does not count as sitting: in a short squat, the pelvis does not rest, and people cannot squat with the
+    centre of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood
+    up.
     """
 
     # degrees from the vertical; sitting begins when both thighs are inclined by more than this

@@ -115,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return when the hands leave the rails for a recovery step and when they are back. The fall and the recovery are
-    in the middle of the time in which the knees stay extended.
+    """Return the times at which the hands leave the rails for a recovery step and are back on them. The fall and the
+    recovery are in the middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

@@ -183,7 +183,7 @@ class Matching:
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """Return what ``take`` returns for a method's matches, by recording; hole_m: None = for all sizes of hole."""
+        """Return the result of ``take`` for a method's matches, by recording; hole_m: None = for all sizes of hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):

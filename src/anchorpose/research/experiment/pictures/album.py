@@ -135,7 +135,7 @@ ROUNDS: Final = 5  # number of runs in which each step is timed; the median of t
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
     """Return the times of the paper's steps (mesh and distances) on one frame, measured after everything was compiled.
 
-    Return None if nobody was found in the frame.
+    Return None if the patient was not found in the frame.
     """
     fine = replace(run.config.surface, step=1)
     window = take_window(frame, given, run)
