@@ -34,7 +34,7 @@ ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # texts in the names of arm bones;
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
     """Draw the configuration's movement. The movement begins at a random phase, so the recording may begin in the
-    middle of it.
+    middle of the movement.
 
     If the arms cannot be kept out of the body, the movement is drawn again, up to ``DRAWS`` times in all.
     """
@@ -54,7 +54,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
     """Abduct the arms by the smallest angle at which no forearm is inside trunk or legs; return the changed movement
     and True.
 
-    If none of ``ANGLES_RAD`` is enough, use the last angle and return False. seconds: duration that is tested, from
+    If all of ``ANGLES_RAD`` are too small, use the last angle and return False. seconds: duration that is tested, from
     time 0.
     """
     times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)

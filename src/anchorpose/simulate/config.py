@@ -79,7 +79,7 @@ class SimulationConfig:
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
     # tasks of the first therapists; the tasks of all further therapists are drawn
     therapist_tasks: tuple[TaskName, ...] = ()
-    therapists_stay: bool = False  # True: therapists are present from the first to the last frame
+    therapists_stay: bool = False  # True: all therapists are present in all frames
     # number of people who walk through the room, between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
@@ -96,7 +96,7 @@ class SimulationConfig:
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    # s, for each camera: how much later an image is taken than its time stamp states
+    # s, for each camera: true time of an image minus the time in its stamp
     clock_late_s: tuple[float, ...] = ()
     clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which ``clock_late_s`` grows
     clock_epoch_s: tuple[float, ...] = ()  # s, for each camera: time stamp at the start of the recording
@@ -196,7 +196,7 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """Return ``config`` with a patient who is hard to track: away at first or later, behind a curtain, or seated.
+    """Return ``config`` with a patient who is hard to track: absent at first or later, behind a curtain, or seated.
 
     A patient who walks or sits has no standing frame. Raises ValueError if other equipment keeps the patient from
     walking, or if the configuration has a captured movement.

@@ -30,8 +30,8 @@ from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing
 SWEEP_HZ = 5.0  # Hz, rate at which the patient's movement is sampled to find the space that it needs
 STOOL_HALF_M = 0.20  # m, distance of a stool's middle from the standing patient's legs: half its depth plus a margin
 CEILING_M = 2.65  # m, height of the ceiling from which a sling hangs
-BELOW_NECK_M = 0.15  # m from the joint SpineShoulder down to the middle of the sternum
-HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold
+BELOW_NECK_M = 0.15  # m, distance from the joint SpineShoulder down to the middle of the sternum
+HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient holds
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:

@@ -59,7 +59,7 @@ def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: 
     """Return the time at which the joints that the therapist holds are farthest ``outward``, so nearest to the
     therapist.
 
-    A therapist whose place suits this time has enough space to stand at all times, since these joints never come
+    A therapist's place that has enough space at this time has enough space at all times, since these joints never come
     nearer.
     """
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])

@@ -1,6 +1,6 @@
 """Imitate librealsense's post-processing of depth: decimation, spatial and temporal smoothing.
 
-Both smoothing filters work on disparity and blend only values that differ by less than a threshold. Source: Intel
+Both smoothing filters work on disparity. They blend only values that differ by less than a threshold. Source: Intel
 RealSense SDK 2.0, post-processing filters (spatial: Gastal and Oliveira 2011, doi:10.1145/1964921.1964964).
 """
 
@@ -18,7 +18,7 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one pixel of the image
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
-SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the rest
+SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the remaining weight
 JOINED_PX: Final = 25.0  # pixels, maximum step of disparity that is smoothed; greater steps occur only within 1.1 m
 PASSES: Final = 2  # number of passes of the spatial filter
 FILLED_PX: Final = 16  # pixels, maximum distance into a gap that is filled with the last value before the gap

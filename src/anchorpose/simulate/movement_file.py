@@ -28,7 +28,7 @@ MOVEMENTS: Final = {
 """Name of each movement of the data set, and its number in the names of the clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
-"""Movements that need space in front of the patient and beside the patient."""
+"""Movements for which the patient needs space in front and at both sides."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)

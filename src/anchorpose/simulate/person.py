@@ -212,7 +212,7 @@ def _stature_m(asset: BodyAsset, coefficients: np.ndarray) -> float:
 
 
 def _stature_gain_m(asset: BodyAsset) -> float:
-    """Return the metres of height that one unit of the first shape coefficient adds."""
+    """Return the height in metres that one unit of the first shape coefficient adds to a body."""
     step = np.zeros(asset.shape_count)
     step[0] = 1.0
     return _stature_m(asset, step) - _stature_m(asset, 0.0 * step)
@@ -252,7 +252,7 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
 
 
 def _smooth(vertices: np.ndarray, waves: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Return (v,) a sum of waves over the skin at rest, with variance 1, within two standard deviations."""
+    """Return (v,) a sum of waves over the skin at rest, with variance 1 and clipped to two standard deviations."""
     return np.clip(np.sqrt(2.0 / len(phase)) * np.sin(vertices @ waves.T + phase).sum(axis=1), -2.0, 2.0)
 
 

@@ -82,7 +82,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """Return a direction per pixel, (height * width, 3) float32 world; its part along the optical axis has length 1.
+    """Return a direction per pixel, (height * width, 3) float32 world; its component along the optical axis is 1.
 
     A pixel outside the lens's valid radius has no ray and gets the direction of the optical axis.
     """
@@ -96,8 +96,8 @@ def first_hits(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each ray the first triangle that it hits, the distance (unit: the direction's length) and the normal.
 
-    The triangle is an index, -1 = none; the normal (n, 3) is the triangle's, not of unit length, 0 = none. origins_m,
-    directions (n, 3), triangles (m, 3, 3): float32 world metres.
+    The triangle is an index, -1 = no triangle. The normal (n, 3) of the triangle does not have unit length; 0 = no
+    triangle. origins_m, directions (n, 3), triangles (m, 3, 3): float32 world metres.
     """
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh

@@ -37,7 +37,7 @@ class Shot:
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
     seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
-    behind_passers: float  # share of the patient's pixels that people passing by hide, maximum over the cameras
+    behind_passers: float  # share of the patient's pixels that passers-by hide, maximum over the cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,7 +208,7 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return for each joint (21,) which share of the skin around it that faces the camera is not hidden.
+    """Return, for each joint (21,), the seen share of the skin around it that faces the camera.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
     skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.

@@ -44,7 +44,7 @@ FLATTENING = -0.45
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where the path crosses the line of sight
+BESIDE_M = 3.2  # m, distance from each end of a passer-by's path to its crossing with the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
 CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
 HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by crosses the line of sight, as a share of the recording

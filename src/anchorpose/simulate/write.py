@@ -29,9 +29,9 @@ from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # level; noise hardly compresses: a higher level triples the time and saves 3 % of the size
-PASSER_HIDES: Final = 0.25  # a frame is occluded if people passing by hide more than this share of the patient's pixels
+PASSER_HIDES: Final = 0.25  # maximum share of the patient's pixels that passers-by hide in a frame that is not occluded
 JITTER_LIMIT: Final = 0.4  # maximum jitter as a share of the frame period; above 0.5, stamps could change their order
-JITTER_SPREADS: Final = 2.0  # number of standard deviations at which the jitter's normal distribution is cut off
+JITTER_SPREADS: Final = 2.0  # standard deviations at which the jitter's normal distribution is cut off
 
 
 def simulate_recording(

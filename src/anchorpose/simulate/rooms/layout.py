@@ -68,7 +68,7 @@ def stand_before(
 
 
 def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: Outline) -> tuple[np.ndarray, float]:
-    """Draw a place (x, z) and a yaw: at a wall with the back to it, or anywhere, depending on the kind."""
+    """Draw a piece's place (x, z) and yaw: at a wall with its back to the wall, or anywhere, depending on the kind."""
     o = outline
     x, z = rng.uniform(o.front_m + 0.3, o.back_m - 0.3), rng.uniform(o.left_m + 0.3, o.right_m - 0.3)
     if kind not in AT_WALLS and rng.random() < 0.7:

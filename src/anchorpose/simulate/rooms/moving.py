@@ -18,7 +18,7 @@ from anchorpose.simulate.timeline import body_course, ease
 STEP_S: Final = 0.05  # s between the times for which the place of moved furniture is computed
 AHEAD_M: Final = 0.35  # m, distance between a person who pushes and the nearest part of the furniture
 OPENING_S: Final = 1.6  # s, time that a door takes to open
-BEFORE_S: Final = 3.0  # s, time before and after the recording for which furniture's places are also computed
+BEFORE_S: Final = 3.0  # s, time before and after the recording for which places of furniture are computed, too
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -89,8 +89,8 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the person with rising from the seat as the only movement, so that a wheelchair is also fitted to standing
-    legs.
+    """Return the person with rising from the seat as the only movement. A wheelchair fitted to this person also leaves
+    space for standing legs.
     """
     if isinstance(patient, CapturedActor):
         return patient

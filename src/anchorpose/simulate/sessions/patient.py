@@ -17,7 +17,7 @@ from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m,
 
 HANDS_S: Final = 0.5  # s, time in which a hand leaves a rail or returns to it
 CARRY_S: Final = 0.6  # s, time after standing up until the knees' bend alone determines the pelvis's height
-ALWAYS_S: Final = 1e5  # s, longer than any session
+ALWAYS_S: Final = 1e5  # s, a duration that is longer than any session
 
 BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
