@@ -116,7 +116,7 @@ def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """The surface as triangles alone, which are connected only where they share a side.
+    """The triangles of a surface, which are connected only where they share a side.
 
     A node whose triangles share only this corner becomes several vertices, since solvers need a manifold mesh.
     """

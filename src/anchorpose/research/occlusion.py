@@ -1,4 +1,4 @@
-"""Compute which geodesic distances from a node an occlusion distorts (paper, Definitions 4 and 5).
+"""Compute which of the geodesic distances from a node are distorted by an occlusion (paper, Definitions 4 and 5).
 
 The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
 nodes is distorted if it is longer on the seen surface than on the whole surface. docs/occlusion.md states which of the
@@ -88,7 +88,7 @@ class Light:
 def occlude(
     whole: Surface, hidden: np.ndarray, solver: Solver = Solver.EXACT, tolerance_m: float = TOLERANCE_M
 ) -> Occlusion:
-    """Remove the hidden nodes (n,) bool from a surface.
+    """Return the occlusion of a surface by removing its ``hidden`` nodes (n,) bool.
 
     Raises ValueError if ``hidden`` has another shape, or hides no node or every node.
     """

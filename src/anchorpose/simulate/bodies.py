@@ -1,4 +1,4 @@
-"""Add what the tracker's shape space lacks to bodies: segments of any human length and girth, shoes, braces, stumps."""
+"""Give bodies properties beyond the tracker's shape space: any human lengths and girths, shoes, braces, stumps."""
 
 from __future__ import annotations
 

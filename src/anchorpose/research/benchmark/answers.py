@@ -30,8 +30,8 @@ OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
 FARTHEST_M: Final = 100.0  # m, maximum coordinate; no room is as large, so greater coordinates must be in millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Values in ``Answers.matches``. ``NO_ROW``: the answers have no row for a node; ``NO_MATCH``: they state that a node
-has no match.
+"""Values in ``Answers.matches``. ``NO_ROW``: the answers have no row for the node; ``NO_MATCH``: the answers state that
+the node has no match.
 """
 
 
@@ -53,7 +53,7 @@ class Answers:
     # by task and name of the pair of frames, (n,) int64: for each node of the first frame, its match among the nodes of
     # the second frame, ``NO_MATCH`` or ``NO_ROW``
     matches: Mapping[tuple[str, str], np.ndarray]
-    elsewhere: int  # number of rows of the answers about recordings that are not in the benchmark folder
+    elsewhere: int  # number of rows about recordings that are not in the benchmark folder
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:

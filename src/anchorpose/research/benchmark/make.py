@@ -58,7 +58,7 @@ class Benchmark:
 
     folder: Path
     groups: tuple[Group, ...]  # groups (all recordings of a seed) that are complete in the folder
-    other_bytes: tuple[str, ...]  # one sentence for each recording whose fingerprint differs from ``reference``
+    other_bytes: tuple[str, ...]  # a sentence for each recording whose fingerprint differs from ``reference``
 
 
 def make_benchmark(
@@ -66,7 +66,7 @@ def make_benchmark(
 ) -> Benchmark:
     """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
 
-    Recordings that an earlier run has finished are kept, so a call with a finished benchmark only checks it.
+    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only checks the benchmark.
 
     Raises InputError if the folder is not empty and is not a benchmark of this version.
     """

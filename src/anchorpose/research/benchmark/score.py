@@ -26,7 +26,7 @@ RESAMPLES: Final = 2000  # number of resamples of the bootstrap over recordings
 
 
 class Asked(NamedTuple):
-    """The m questions of a task about one recording, and how they were answered.
+    """The m questions of a task about one recording, with their answers compared with the truth.
 
     A question is a node whose true place is seen in both frames of a pair, or a joint with a known truth in a frame.
     """

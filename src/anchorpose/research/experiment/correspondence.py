@@ -1,6 +1,4 @@
-"""Compute the true correspondence of simulated surfaces: the place, in another frame, of the skin point that each node
-shows.
-"""
+"""Compute the true correspondence of simulated surfaces: the place, in another frame, of each node's skin point."""
 
 from __future__ import annotations
 
@@ -38,7 +36,7 @@ LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region withou
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """Where the points of the skin at the m nodes of one frame truly are in another frame."""
+    """The true places, in another frame, of the skin points that the m nodes of one frame show."""
 
     vertex: np.ndarray  # (m,), vertex of the skin nearest to the node
     place_m: np.ndarray  # (m, 3), position in the other frame, world; NaN if the node is not on the patient

@@ -60,11 +60,10 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
-    """Return everything that is known before the first frame is tracked, with the configuration of ``paper_config``.
+    """Return all data that are known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: number of frames from one used frame to the next. With a stride above 1, the last pose serves as the
-    prediction, since at so low a rate the reference movements have too few frames to predict a pose up to a second
-    ahead.
+    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last pose: at
+    so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -76,8 +75,8 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
     The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. The joints
-    of these earlier frames are given, too: as many as the prediction uses, but none from before the patient was last
-    lost.
+    of these earlier frames are given, too: as many as the prediction uses, but only from frames after the patient was
+    last lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)

@@ -1,8 +1,8 @@
 """Provide the data that every method of the experiment is given: the body, the pose at the start, and the patient's
 pixels.
 
-The paper takes body, pose and pixels from the sensor's own tracker on unoccluded data. In this experiment, these three
-come from this project's tracker on the recording without holes. No method sees the truth.
+In the paper, body, pose and pixels come from the sensor's own tracker on unoccluded data. In this experiment, they come
+from this project's tracker on the recording without holes. No method sees the truth.
 """
 
 from __future__ import annotations
@@ -136,9 +136,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
-    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only a method that
-    closes holes in the mesh with the predicted body uses another surface. uncut: the same recording without holes;
-    frames that lost no readings, and their surfaces, are taken from it.
+    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only methods that
+    close holes in the mesh with the predicted body use another surface. uncut: the same recording without holes; frames
+    that lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(

@@ -89,7 +89,8 @@ class DescriptorSetting:
 
 
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
-    """Return a ``Method.associate`` by which a node matches the next frame's node with the nearest descriptor.
+    """Return a function for ``Method.associate``, by which each node matches the node of the next frame with the
+    nearest descriptor.
 
     Source: the paper, Section V-A.
     describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
@@ -121,7 +122,7 @@ Content = Callable[[Observation], bytes]
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
     """Return ``compute`` with a cache: its value is computed only once for frames with the same ``content``.
 
-    If the cache is full (``CACHED_BYTES``), it drops values, which are then computed again when they are needed.
+    A full cache (``CACHED_BYTES``) drops values; dropped values are computed again when they are needed.
     """
     recent: dict[bytes, np.ndarray] = {}
 

@@ -1,4 +1,4 @@
-"""Match nodes of a frame to the skin of the body model by geodesic distances in this frame alone.
+"""Match nodes of a frame with skin points of the body model, by geodesic distances in this frame alone.
 
 The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
 in every pose, but also nearly the same on the front and on the back of the body. The angles from the direction to one
@@ -172,8 +172,8 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
     """Match up to ``NODES`` seen nodes with skin points that have similar distances to the anchors and similar turns.
 
-    mirrored: True = the left and right anchors are exchanged. A node has no match if it has fewer than three known
-    distances, or if it fits several places on the skin.
+    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances has no
+    match, nor does a node that fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)

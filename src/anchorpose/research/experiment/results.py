@@ -79,7 +79,7 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
+    """Times on one core, in s, for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
 
     These times are compared with the paper's times.
     """
@@ -121,7 +121,7 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method, each with its score, and with whether it is chosen.
+    """Return the tried settings of a method. Each has its score, and states whether it is chosen.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

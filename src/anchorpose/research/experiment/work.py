@@ -148,7 +148,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
     with one_thread(), prepare_clip(clip, plan) as prepared:
         holes_m = sorted({task.hole_m for task in open_tasks})
         one_camera = len(prepared.recording.cameras) == 1
-        # cutting holes raises an error for several cameras, so tasks without a hole are done and stored first
+        # cutting holes raises an error if there are several cameras, so tasks without a hole are done and stored first
         for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:
             tasks = [task for task in open_tasks if task.hole_m in together]
             with open_trials(prepared, plan, together) as trials:

@@ -11,7 +11,7 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # minimum number of neighbours, as in the authors' program; with fewer, axes would be noise
+FEWEST = 5  # minimum number of neighbours, as in the authors' program; with fewer, the axes would be noise
 SWEEPS = 12  # maximum number of sweeps of Jacobi rotations; convergence is quadratic, so six are enough for all digits
 
 
@@ -70,7 +70,8 @@ def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals
 def _spread(
     points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, radius: float, spread: np.ndarray
 ) -> int:
-    """Fill ``spread`` with the neighbours' covariance about the node; return how many are not at the node's position.
+    """Fill ``spread`` with the neighbours' covariance about the node; return the number of neighbours at other
+    positions.
 
     A neighbour's weight is ``radius`` minus its distance from the node. Since only the axes are used, the covariance is
     not divided by the sum of the weights.

@@ -30,7 +30,7 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
-"""Two positive numbers, the smaller first."""
+"""A range: two positive numbers, the smaller number first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +202,7 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    # first time, in octaves relative to 1 m²; before it, no wave has decayed much
+    # First time, in octaves relative to 1 m². Before this time, no wave has decayed much.
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
     octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the last time, 4 m², a body's longest wave has decayed
     steps_per_octave: Count = 16  # as in Bronstein and Kokkinos

@@ -9,9 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """All places within ``radius_m`` of the line from one place (x, z) to another; a disc if both places are the
-    same.
-    """
+    """All places within ``radius_m`` of the line from one place (x, z) to another; a disc if both are the same."""
 
     start_m: tuple[float, float]
     end_m: tuple[float, float]

@@ -46,7 +46,7 @@ class NextSetting:
 
     anchor_sigma_m: float = 0.04  # m, sigma of the change of a node's distance to an anchor between two frames
     shot_sigma: float = 0.15  # sigma of the distance between a node's signatures (of unit length) in two frames
-    place_sigma_m: float = 0.03  # m, sigma of a node's movement between two frames, small since most skin hardly moves
+    place_sigma_m: float = 0.03  # m, sigma of a node's movement between two frames; small, since most skin hardly moves
     cost_m: float = 0.01  # m, cost in the track tree of a match whose nodes deviate by one sigma
 
 
@@ -112,7 +112,7 @@ def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
     Since signatures have unit length, a squared distance is 2 minus twice their scalar product.
     """
     apart2 = 2.0 * source @ target.T
-    # computed in place: making new arrays of this size takes longer than the arithmetic
+    # computed in place, since making new arrays of this size takes longer than the arithmetic
     np.subtract(2.0, apart2, out=apart2)
     np.maximum(apart2, 0.0, out=apart2)
     apart2 /= np.float32(sigma**2)
@@ -195,7 +195,7 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return e_1 (5,) float32, m: for each anchor, how much its jitter changes all nodes' distances to it.
+    """Return e_1 (5,) float32, m: for each anchor, the amount by which its jitter changes all nodes' distances to it.
 
     e_1 is estimated as the median, over nodes, of the node's distance to the anchor minus the same distance of the
     node's match by the local descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local:

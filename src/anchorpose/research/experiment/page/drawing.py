@@ -1,4 +1,5 @@
-"""Provide what all figures share: colours, and line styles and marks that distinguish methods even without colour.
+"""Provide the common style of all figures: colours, and line styles and marks that distinguish methods even without
+colour.
 
 The same tables always give the same bytes of a figure.
 """
@@ -128,7 +129,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Return matplotlib's style of a method: a mark of its own, and the colour and line style of its family.
+    """Return matplotlib's style of a method: its own mark, and the colour and line style of its family.
 
     The proposed method and this project's tracker have thick lines and filled marks.
     """

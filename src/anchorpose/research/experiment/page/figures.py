@@ -187,7 +187,7 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """Draw a panel for each column of the table, which is a scene with or without holes, and a dot per method."""
+    """Draw one panel per column of the table (a scene with or without holes), with a dot per method."""
     table = tables[0]
     methods, columns = table.methods, table.columns
     wide = min(len(columns), 5)

@@ -58,7 +58,7 @@ class View:
         return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) how near the points are to the viewer: metres from the world's origin towards the viewer."""
+        """Return the nearness (...) of points to the viewer: metres from the world's origin towards the viewer."""
         return np.asarray(points_m @ self.axes[2])
 
 

@@ -168,7 +168,7 @@ def describe_pairs(pairs: Pairs, moment: Moment) -> str:
 
 
 def percent(share: float) -> str:
-    """Format whole per cent; 0 and 100 only if exact, so that a single wrong match among right ones is not hidden."""
+    """Format a share as whole per cent. Only exact values give 0 or 100, so that a single wrong match is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:
