@@ -1,6 +1,6 @@
 """Find 21 joints of a patient in depth recordings without markers, each joint with its state and uncertainty.
 
-Programs call ``track`` on a recording, ``open`` its results, or give a ``Tracker`` one frame after another
+A program can call ``track`` on a recording, ``open`` its results, or pass single frames to a ``Tracker``
 (docs/python.md). A public name of the package is imported when a program first uses the name; ``__init__.pyi`` declares
 the types for type checkers.
 """

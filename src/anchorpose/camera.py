@@ -28,7 +28,7 @@ class Camera:
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """Return T_world_camera; raises ValueError if it is unknown, since no stage may invent a pose."""
+        """Return T_world_camera; raises ValueError if it is unknown, since stages must not assume a pose."""
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
@@ -77,8 +77,8 @@ class Camera:
         """Compare points (n, 3) in the world with this camera's depth image (height, width).
 
         Return three arrays (n,): the depth of each point in this camera in metres, the depth image's reading at the
-        point's pixel, and whether the point is in the image. For a point outside the image, the reading is that of
-        pixel (0, 0) and means nothing. Raises ValueError if the camera's pose is unknown.
+        point's pixel, and whether the point is in the image. For a point outside the image, the reading is the reading
+        at pixel (0, 0), which has no meaning. Raises ValueError if the camera's pose is unknown.
         """
         in_camera = transform_points(invert_rigid(self.require_pose()), points_m)
         column, row, inside = self.pixel_of(in_camera)

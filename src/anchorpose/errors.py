@@ -11,7 +11,7 @@ _SECRET: Final = re.compile(r"([?&][^=\s&]*(?:token|key|secret|sig|password|cred
 
 
 def without_password(text: str) -> str:
-    """Replace passwords and keys in the addresses (URLs) that a text contains by three stars."""
+    """Replace every password or key in the addresses (URLs) of a text by three stars."""
     return _SECRET.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
 
 

@@ -37,8 +37,8 @@ JOINT_COUNT: Final = len(JOINT_NAMES)
 JOINT_INDEX: Final = {name: index for index, name in enumerate(JOINT_NAMES)}
 
 ANCHOR_NAMES: Final = ("Head", "HandLeft", "HandRight", "FootLeft", "FootRight")
-"""Names of the anchors, in the order used everywhere. An anchor is an extremum of the body's surface (a point farthest
-from the body's centre along the skin), at or near the joint of this name.
+"""Names of the anchors, in the order used everywhere. An anchor is an extremum of the body's surface: a point that is
+farther from the body's centre, along the skin, than all points around it. It is at or near the joint of this name.
 """
 
 LIMBS: Final = tuple(
@@ -84,6 +84,6 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""Code of each state in arrays, from 0 (observed) to 6 (lost); the less well a joint is known, the larger the code."""
+"""Code of each state in arrays, from 0 (observed) to 6 (lost). Less well known joints have larger codes."""
 
 LOST: Final = STATE_CODE[JointState.LOST]

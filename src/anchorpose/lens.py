@@ -39,10 +39,10 @@ _PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as num
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid radius, coefficients, tilt matrix
 _SIZE: Final = 27  # length of a lens array
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
-# pixels; Newton's method has found a pixel's ray if the ray's projection is this close to the pixel
+# pixels, maximum distance of a ray's projection from the pixel at which Newton's method has found the pixel's ray
 _EXACT_PX: Final = 1e-6
-# column and row that stand for "this ray has no pixel", far outside every image; not NaN, since compiled code converts
-# them to integers
+# Column and row of a ray without a pixel, far outside every image. NaN is not used, since compiled code converts them
+# to integers.
 NOWHERE: Final = -1e6
 _SLOPE: Final = 1e-6  # step of x/z or y/z with which the derivative of the projection is computed numerically
 
@@ -106,8 +106,8 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """Return the radius of a ray beyond which a larger radius gives a pixel nearer to the centre; ``WIDEST`` without
-    one.
+    """Return the radius of a ray beyond which rays with a larger radius have pixels nearer to the centre; ``WIDEST`` if
+    no such radius exists.
     """
     if array[_KIND] == _PLAIN:
         return WIDEST
@@ -175,8 +175,8 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
     """Return the ray (height, width, 2) float64 of each pixel, exact to a millionth of a pixel; NaN where a pixel has
     no ray.
 
-    For a real rational lens, rays by OpenCV's own fixed-point iteration are off by 4 mm at a distance of 2.5 m, and by
-    68 mm in image corners.
+    OpenCV's own fixed-point iteration is less exact: for a real rational lens, its rays have errors of 4 mm at a
+    distance of 2.5 m, and of 68 mm in image corners.
     """
     array = lens_array(lens)
     if array[_KIND] == _PLAIN:
@@ -212,7 +212,7 @@ def _solve(x: float, y: float, column: float, row: float, lens: np.ndarray) -> t
     for _ in range(_STEPS):
         c, r = pixel_of_ray(x, y, lens)
         miss_c, miss_r = column - c, row - r
-        if c == NOWHERE:  # the guess is beyond the valid radius: try a ray closer to the axis
+        if c == NOWHERE:  # beyond the valid radius: try a ray closer to the axis
             x, y = 0.99 * x, 0.99 * y
             continue
         if abs(miss_c) < _EXACT_PX and abs(miss_r) < _EXACT_PX:

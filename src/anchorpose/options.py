@@ -21,11 +21,11 @@ from anchorpose.errors import AnchorposeError
 DAY_S: Final = 86_400.0
 TALLEST_M: Final = 3.0  # m, maximum height of a person that is accepted
 FARTHEST_M: Final = 100.0
-"""Largest accepted coordinate in m: no room is larger, and a place given in millimetres by mistake exceeds it."""
+"""Maximum accepted coordinate in m; no room is larger, and places given in millimetres by mistake exceed it."""
 
 FASTEST_HZ: Final = 1000.0  # Hz, maximum frame rate that is accepted
 FARTHEST_CLOCK_S: Final = 1e11
-"""Largest accepted difference in s between two clocks: seconds since any epoch in use are at most a fifth of it."""
+"""Maximum accepted difference in s between two clocks; seconds since any epoch in use are at most a fifth of it."""
 
 MOST_FRAMES: Final = 10**9
 MOST_PROCESSES: Final = 1024

@@ -56,12 +56,12 @@ def track_recording(
     The results folder is empty, or holds the journal of a stopped run. Such a run is resumed, and the tables are the
     same as without the stop.
 
-    progress is called with (done, total) frames; a frame counts each time it is processed, for example once more if the
+    progress is called with (done, total) frames; a frame counts each time it is processed, for example twice if the
     body is learnt from it. calibration: a calibration.json whose poses replace the given or found poses. corrections: a
     reviewer's corrections of earlier results. events: an events.tsv with the trials, in place of the recording's own.
     threads: number of threads that share the work on a frame (its cameras, people and tried poses); the tables have the
     same bytes with any number of threads. Linear algebra runs on one thread, since several threads would add the terms
-    of a sum in another order. Raises InputError if the recording cannot be used.
+    of a sum in a varying order. Raises InputError if the recording cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))

@@ -1,7 +1,7 @@
 """Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit vectors.
 
-Functions that tracking calls for a few bones at a time are compiled: scipy's Rotation would spend time on checking its
-input at every call.
+Functions that tracking calls for a few bones at a time are compiled, since scipy's Rotation would check its input at
+every call, which takes time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from anchorpose.errors import DegenerateGeometry
 FORWARD, UP, RIGHT = np.eye(3)
 """Unit vectors (3,) along the world's axes x, y and z, or along the axes of a body's own frame."""
 
-# points count as collinear up to this ratio of the second to the first singular value of their covariance
+# maximum ratio of the second to the first singular value of their covariance, for points to count as collinear
 COLLINEAR_RATIO: Final = 1e-3
 ONE_PLACE_M2: Final = 1e-12  # m2; points also count as collinear up to this second singular value: (1 micrometre)²
 
@@ -53,7 +53,7 @@ def rigid(turn: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
 def turns(vectors: np.ndarray) -> np.ndarray:
     """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), computed by numpy.
 
-    Simulations use this function, so that simulated values stay the same to the last digit; the compiled
+    Simulations use this function, so that simulated values are always the same to the last digit; the compiled
     ``rotation_matrices`` may differ in this digit.
     """
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
@@ -97,7 +97,7 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
         squared = x * x + y * y + z * z
         angle = np.sqrt(squared)
-        if angle < 1e-4:  # use a Taylor series, since at small angles the quotients lose digits
+        if angle < 1e-4:  # a Taylor series, since the quotients lose digits at small angles
             sine, versine = 1.0 - squared / 6.0, 0.5 - squared / 24.0
         else:
             sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared

@@ -122,7 +122,7 @@ def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[
             continue
         declared = {name: hint for owner in owners for name, hint in _fields(owner).items()}
         tagged = [owner for owner in owners if _is_tag(step, owner)]
-        # pydantic adds the tag of a union to the place, but the tag is not a key of the file
+        # pydantic adds the tag of a union to the place, although the tag is not a key of the file
         if step not in declared and tagged:
             owners = tagged
             continue

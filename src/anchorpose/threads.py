@@ -1,4 +1,4 @@
-"""Control how many threads work; results never depend on the number of threads.
+"""Control the number of threads. Results never depend on this number.
 
 Linear algebra and OpenCV use a single thread, so that sums are added in a fixed order and always give the same bytes.
 Work on single cameras or people may be shared among threads: each result is computed by one thread alone, and the
@@ -22,8 +22,8 @@ _WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra and OpenCV on one thread within the ``with`` block; OpenCV's threads wait longer than they
-    work.
+    """Keep linear algebra and OpenCV on one thread within the ``with`` block. OpenCV's own threads are not used, since
+    they wait longer than they work.
     """
     import cv2
 

@@ -24,7 +24,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-# m; two stated places of the patient count as the same up to this distance, since places are printed to the centimetre
+# Maximum distance in m between two stated places of the patient that count as the same, since places are printed to the
+# centimetre.
 SAME_PLACE_M: Final = 0.01
 
 
@@ -136,8 +137,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the results that a reviewer corrected. Camera poses then need not
-    be found again, and places in the corrections stay valid even if another person is named as the patient.
+    """Return the recording with the camera poses of the results that a reviewer corrected. So the poses need not be
+    found again, and places in the corrections stay valid even if another person is named as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)

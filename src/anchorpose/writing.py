@@ -87,8 +87,8 @@ def write_results(
 
 
 def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Written:
-    """Write the tables of joints, poses, anchors, person labels and contacts, and of how well each pose explains the
-    depth images, frame by frame; collect the data for run.json.
+    """Write, frame by frame, the tables of joints, poses, anchors, person labels and contacts, and the table that
+    states how well each pose explains the depth images. Return the data for run.json.
     """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor, before = list[PoorInterval](), None
@@ -141,8 +141,8 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return the record of a reviewer's corrections, with a sentence on each correction that the written joints do not
-    follow.
+    """Return the record of a reviewer's corrections, with a sentence on each corrected joint that is not at its
+    corrected position in the results.
     """
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
@@ -151,7 +151,7 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Return why a joint is not where the reviewer placed it; None if it is there."""
+    """Return the reason why a joint is not where the reviewer placed it; None if it is there."""
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -287,7 +287,7 @@ def _patient(room: Room) -> PatientRecord | None:
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
-    """Return sentences on which person was tracked and with which body."""
+    """Return sentences that state which person was tracked, and with which body."""
     if room.initial_frame is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
     choice = room.initial_frame.choice
@@ -329,8 +329,8 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
-    """Return a note if the images hardly show how tall the patient is and the user gave no height that agrees with the
-    images.
+    """Return a note if the images hardly determine the patient's height, and the user gave no height that agrees with
+    the images.
     """
     if learnt is None or run.shape is None:
         return []

@@ -28,7 +28,7 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Length of each unit in metres, by the unit's name in files."""
 
-LONGEST_S: Final = 86_400.0  # s (one day), maximum duration; if a recording is longer, its times are not in seconds
+LONGEST_S: Final = 86_400.0  # s (one day), maximum duration of a recording; in a longer one, times are not in seconds
 FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: maximum coordinate and angle; above: wrong unit or damaged file
 
 
@@ -56,7 +56,7 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
     """Return the length in metres of the file's unit of length.
 
     unit: the unit that the file states, None if it states none; stated: the unit that the user states, which takes
-    precedence. Raises InputError where neither is given, or where the unit is unknown.
+    precedence. Raises InputError if neither unit is given, or if the unit is unknown.
     """
     name = stated if stated is not None else unit
     if not name:
@@ -144,7 +144,9 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
 
 
 def _labels(group: Any) -> tuple[str, ...]:
-    """Return the labels of all points, in order. C3D files store labels from the 256th on in LABELS2, LABELS3, ..."""
+    """Return the labels of all points, in order. From the 256th label on, C3D files store labels in further entries:
+    LABELS2, LABELS3, ...
+    """
     names = [name for name in group if name.startswith("LABELS")]
     return tuple(label for name in sorted(names, key=lambda one: (len(one), one)) for label in _texts(group, name))
 

@@ -1,8 +1,8 @@
-"""Find by how much the clocks of another motion capture system and of the results differ, from the movement that both
-systems recorded. "Ours" means the results of this program, "theirs" the other system's recording.
+"""Find the difference between the clocks of another motion capture system and of the results, from the movement that
+both recorded. "Ours" means the results of this program, "theirs" the other system's recording.
 
-Distances between joints, and angles, do not depend on the frame of reference. The difference between the clocks can
-therefore be found before it is known how the two frames of reference are placed relative to each other.
+Distances between joints, and angles, do not depend on the frame of reference. So the clocks can be compared before the
+pose of one frame of reference relative to the other is known.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Hz, rate of the evenly spaced times (the grid) at which signals are compared; movement is smooth between them."""
+"""Rate in Hz of the evenly spaced times (the grid) at which signals are compared; between two such times, movement is
+smooth.
+"""
 
 SMOOTHING_S: Final = 0.04
 """Standard deviation, in s, of the Gaussian kernel that smooths the signals of both systems. The kernel passes
@@ -27,14 +29,16 @@ frequencies up to 4 Hz, and most movements of people are slower.
 """
 
 LONGEST_GAP_S: Final = 0.15
-"""A gap in a signal is interpolated if it lasts at most this time in s, or at most 1.5 frame intervals."""
+"""Maximum time in s of a gap in a signal that is interpolated; gaps of up to 1.5 frame intervals are interpolated,
+too.
+"""
 
-MOST_SIGNALS: Final = 40  # maximum number of compared signals; those that vary most are used
+MOST_SIGNALS: Final = 40  # maximum number of compared signals; the signals that vary most are used
 
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
-"""A distance between joints, or an angle, is used as a signal if its standard deviation over the recording is at least
-``LEAST_MOVEMENT_M`` (m) or ``LEAST_MOVEMENT_DEG`` (degrees). A signal that varies less is mostly noise.
+"""Minimum standard deviation, over the recording, of a distance between joints (``LEAST_MOVEMENT_M``, m) or of an angle
+(``LEAST_MOVEMENT_DEG``, degrees) for it to be used as a signal. With less movement, it is mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
@@ -110,8 +114,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # near a gap or an end of the signal, the kernel is one-sided, which would shift the movement in time, so values
-    # near gaps and ends are left out
+    # Near a gap or an end of the signal, the kernel is one-sided. This would shift the movement in time, so values
+    # there are left out.
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -141,11 +145,11 @@ def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.nd
 
 
 COARSE: Final = 4
-"""The first search for the offset between the clocks uses only every fourth sample of each signal."""
+"""Interval between the samples that the first search for the clock offset uses: every fourth sample of each signal."""
 
 LEAST_OVERLAP: Final = 0.4
-"""Minimum time that both recordings have in common, as a share of the shorter recording; in a shorter time, movements
-may agree by chance.
+"""Minimum common time of both recordings, as a share of the shorter recording; in less time, movements may agree by
+chance.
 """
 
 LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if one is short
@@ -154,13 +158,13 @@ LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""An offset more than ``RIVAL_DISTANCE_S`` from the best offset counts as equally good if the share of the movement
-that it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times that of the best offset. The movement
-then repeats itself, so it does not determine the offset.
+"""Limit for a rival of the best offset: an offset more than ``RIVAL_DISTANCE_S`` away counts as equally good if the
+share of the movement that it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times the share that
+the best offset leaves unexplained. The movement then repeats itself and does not determine the offset.
 """
 
 ITERATIONS: Final = 20  # maximum number of least-squares steps
-BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife leaves out one stretch at a time
+BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife omits one stretch at a time
 HUBER: Final = 2.5  # number of robust standard deviations beyond which a residual gets less weight
 
 
@@ -208,7 +212,7 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
-    """Return a clock of which only an approximate offset is known."""
+    """Return a clock with an approximate offset and no known drift."""
     return Clock(
         offset_s=offset_s,
         offset_sigma_s=np.inf,
@@ -291,7 +295,7 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # the best lag is where r^2 times the overlap is largest: where the overlap is short, a large r may be chance
+    # The best lag has the largest r^2 times overlap, since a large r may be due to chance if the overlap is short.
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -375,8 +379,8 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return each signal (column) without its weighted mean, since the two systems define joints differently, which
-    shifts a signal by a constant.
+    """Subtract its weighted mean from each signal (column), since different definitions of joints shift a signal by a
+    constant.
     """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 

@@ -1,7 +1,7 @@
 """Compare results folders with the recordings of another system (``anchorpose evaluate --reference``).
 
-Each coordinate of a joint and each angle gets two rows per joint state: as measured, and with a constant offset
-removed.
+In the table of agreement, each coordinate of a joint and each angle has two rows per joint state: as measured, and with
+a constant offset removed.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Agreement:
     kind: joint (joint centres), angle (computed from the joints of both systems by this program's formula) or
     given_angle (as the other system computes it). axis: x, y, z of the world, distance, or degrees. state: all,
     inferred (neither observed nor lost), or one of ``JointState``. offset: ``as_measured``, or ``offset_removed`` if
-    the constant difference due to different definitions of the joint or angle is subtracted. repeated: what counts as
-    one repetition (subject, or stretch of time); units: number of repetitions.
+    the constant difference due to different definitions of the joint or angle is subtracted. repeated: the kind of unit
+    that counts as one repetition (a subject, or a stretch of time); units: number of repetitions.
     """
 
     kind: str
@@ -90,7 +90,8 @@ class Compared:
     """The compared values of one quantity in one recording, NaN where unknown. ours (n,): values of the results, with
     sigma (n,) and state_code (n,); theirs (n,): values of the other system; time_s (n,): times of both systems' values.
 
-    offset (n,): the part of ``ours`` minus ``theirs`` that comes from different definitions of the joint or angle.
+    offset (n,): the part of the difference ``ours`` minus ``theirs`` that is due to different definitions of the joint
+    or angle.
     """
 
     ours: np.ndarray
@@ -101,8 +102,8 @@ class Compared:
     time_s: np.ndarray
 
     def chosen(self, state: str) -> np.ndarray:
-        """Return (n,) bool: True for frames in which all values are known and the joint (for an angle, the least well
-        known of its joints) is in the given state.
+        """Return (n,) bool: True for frames in which all values are known and the joint has the given state. For an
+        angle, the worst state of its joints counts.
         """
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
@@ -310,7 +311,7 @@ def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
 
 
 NOT_NAMED: Final = "not named"
-"""The person of every recording if the user names none."""
+"""Name that stands for the person of every recording if the user names no person."""
 
 TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four numbers}, in metres'
 
@@ -328,7 +329,7 @@ def compare_with_reference(
     results: Sequence[Path], references: Sequence[Path], subjects: Sequence[str], settings: ReferenceSettings
 ) -> Comparison:
     """Compare each results folder with the reference at the same index of ``references``. subjects: the person of each
-    folder; if empty, all folders count as recordings of one person, so that the result does not claim to hold for other
+    folder; if empty, all folders count as recordings of one person, so the result does not claim to be valid for other
     people.
 
     Raises InputError or AnchorposeError if a folder and its reference do not belong together or cannot be used.

@@ -30,8 +30,8 @@ class ImageErrors:
 
     labelled: number of labels in tracked frames; lost: number of these labels for which no distance is known, usually
     because the joint was lost. Pixels are converted to millimetres at the depth of the tracked joint. within_50,
-    within_100: share of ``labelled`` with a distance of at most 50 or 100 mm; a label without a distance counts as
-    farther away.
+    within_100: share of all labels whose distance is at most 50 or 100 mm; labels without a distance count as farther
+    away.
     """
 
     name: str

@@ -1,5 +1,5 @@
-"""Match the frames of a results folder with those of another system, so that both have the same clock, the same frame
-of reference, and the same joints and angles.
+"""Match the frames of a results folder with those of another system: same clock, frame of reference, joints and
+angles.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Maximum ratio of the body's sizes in the two systems; different definitions of joints change body sizes by less."""
+"""Maximum ratio between the body's sizes in the two systems; with different definitions of joints, sizes differ by
+less.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +117,7 @@ def _match(
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """Refine the clock by joint positions in the world, which determine it better than distances between joints do."""
+    """Refine the clock by joint positions in the world; they determine it better than distances between joints."""
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -162,8 +164,8 @@ def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) ->
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
     """Return the misfit for each combination of exchanged sides and mirrored axis. The misfit is the median distance in
-    metres between both systems' joints after the best rigid motion. If the reference has no joints, it is the share of
-    the movement that the best clock leaves unexplained. Combinations without a common movement are left out.
+    metres between both systems' joints after the best rigid motion. If the reference has no joints, the misfit is the
+    share of the movement that the best clock leaves unexplained. Combinations without a common movement are left out.
     """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):

@@ -1,10 +1,11 @@
-"""Find the frame of another system in the world of the results, and the constant offsets between both systems' joints.
+"""Find the pose of another system's frame of reference in the world of the results, and the constant offsets between
+both systems' joints.
 
 Even without errors, the joints of two systems differ by their definitions: for example, one system places the knee's
 centre midway between two markers, the other computes it from the body's surface. An offset due to definitions is
 constant in the axes of the body segment (of the thigh, for a knee), so it can be separated from errors, which are not
-constant. An offset that all joints share cannot be distinguished from another position of the frame unless the person
-turns, so it is attributed to the frame.
+constant. An offset that all joints share looks like a shift of the other system's frame, unless the person turns. Such
+an offset is therefore attributed to the frame.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ LEAST_FRAMES: Final = 10
 """Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""A joint gets less weight in a frame in which the two systems' positions of it are over ``FARTHEST`` times the median
-distance apart, since one of the systems has probably lost the joint.
+"""Limit of the distance between both systems' positions of a joint, in medians of this distance. In frames beyond the
+limit, the joint gets less weight, since one of the systems has probably lost it.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
 SHIFT_PRIOR_FRAMES: Final = 300.0
-"""Weights, in frames, of the prior that offsets are zero: a prior of 300 counts as much as 300 of the frames that are
-used (see ``MOST_FRAMES``). The rotation of the frame comes from a fit with ``TURN_PRIOR_FRAMES``, which suits offsets
-of some millimetres. When the posture changes, markers also slide with the skin, which looks like a shift of the frame;
-therefore the frame's position comes from a fit with ``SHIFT_PRIOR_FRAMES``. In 26 simulated laboratories (suite
-``laboratory`` of ``benchmarks/run.py``), a single weight for both fits gave root-mean-square errors of the frame of
-0.15 degrees and 2 mm, or of 0.2 degrees and 1 mm; two weights give 0.15 degrees and 1 mm.
+"""Weights, in frames, of the prior that offsets are zero. A weight of 300 counts as much as 300 used frames (see
+``MOST_FRAMES``). The frame's rotation comes from a fit with ``TURN_PRIOR_FRAMES``, which suits offsets of some
+millimetres. The frame's position comes from a fit with ``SHIFT_PRIOR_FRAMES``: when the posture changes, markers slide
+with the skin, which looks like a shift of the frame. In 26 simulated laboratories (suite ``laboratory`` of
+``benchmarks/run.py``), a single weight for both fits gave root-mean-square errors of the frame of 0.15 degrees and 2
+mm, or of 0.2 degrees and 1 mm; two weights give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
@@ -44,7 +45,9 @@ sigmas that are too small.
 """
 
 MOST_FRAMES: Final = 1000
-"""A long recording is thinned to one to two times this number of frames, since neighbouring frames are nearly equal."""
+"""Number of frames to which a long recording is thinned (to at most twice as many), since neighbouring frames are
+nearly equal.
+"""
 
 _LIMBS: Final = {
     "Knee": ("Hip", "Knee", "pelvis"),

@@ -1,5 +1,5 @@
-"""Read another system's recording, and convert it to this program's joints and angles. Times stay on its clock, and
-positions in its frame of reference.
+"""Read another system's recording, and convert it to this program's joints and angles. Times stay on the other system's
+clock, and positions stay in its frame of reference.
 
 A joint centre is a labelled point of the file, or the mean of several markers. A hip centre may also be estimated from
 markers of the pelvis, by a regression or by a functional method. The regression is that of Harrington et al. 2007
@@ -155,9 +155,9 @@ moved in one plane or hardly at all, so the centre is undetermined along one dir
 
 
 FARTHEST_M: Final = 0.04
-"""Maximum distance in metres of the functional hip centre from the centre given by the regression, which is accurate to
-15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking (ezc3d's
-example of Qualisys), the functional centres of both hips were 67 mm away.
+"""Maximum distance in metres between the functional hip centre and the centre from the regression; the regression is
+accurate to 15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking
+(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away.
 """
 
 
@@ -240,8 +240,8 @@ def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
     """Return the common centre (3,) of spheres on which each marker (t, 3) moves, and how well it is determined.
 
-    The second value is the ratio of the smallest to the largest singular value of the equations: 0 if the centre is
-    undetermined. Raises ValueError if no marker with four known positions moves.
+    The second value states how well: the ratio of the smallest to the largest singular value of the equations, 0 if the
+    centre is undetermined. Raises ValueError if no marker with four known positions moves.
     """
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     for marker in markers_m:
@@ -311,16 +311,16 @@ _PLUG_IN: Final = {
     "AnkleAngles": "ankle_dorsiflexion",
     "ElbowAngles": "elbow_flexion",
 }
-"""``_OPENSIM``, ``_PLUG_IN``: by the other system's name of an angle, the angle of this program that equals it up to a
-constant. Angles of Plug-in Gait have three components, of which the first (flexion) is compared.
+"""Angles of this program by the other system's name (``_OPENSIM``, ``_PLUG_IN``); the two angles differ by a constant
+at most. Angles of Plug-in Gait have three components, of which the first (flexion) is compared.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """The other system's recording in this program's terms. time_s (t,): times on its clock; centres: joint centres in
-    its frame; degrees (t, a): the angles ``angles``, with the names of this program. notes: sentences on how the file
-    was understood.
+    its frame; degrees (t, a): the angles ``angles``, with the names of this program. notes: sentences on how labels and
+    signs in the file were interpreted.
     """
 
     path: Path

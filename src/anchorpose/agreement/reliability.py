@@ -72,8 +72,8 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by statsmodels, by contrast,
-    would solve for one unknown per subject, which takes gigabytes for some thousand subjects.
+    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by the package statsmodels
+    would solve for one unknown per subject, which takes gigabytes of memory for some thousand subjects.
     """
     subjects, repeats = values.shape
     centred = values - values.mean()  # squares of values with a large mean would lose digits
@@ -154,8 +154,8 @@ REMEDY: Final = (
 )
 
 OTHER_UNIT: Final = 100.0
-"""Minimum ratio between the values of two sessions at which the values are taken to be in different units, such as
-metres and centimetres, since no person changes by this ratio.
+"""Minimum ratio between the values of two sessions from which the program concludes that their units differ (such as
+metres and centimetres), since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
@@ -182,12 +182,12 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on the session, or on the session of one subject, whose values differ from
-    those of the other sessions by a factor of ``OTHER_UNIT`` or more; None if no values do. grid (subjects, repeats):
-    the values.
+    """Return the beginning of a sentence on values in another unit: of a session, or of one subject's session, whose
+    values differ from the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without such values. grid
+    (subjects, repeats): the values.
 
-    A single value may be near zero without an error. So values in too large a unit are searched for only where all
-    values of a session are small.
+    A single value may be near zero by nature. So a session counts as having too large a unit only if all of its values
+    are small.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -211,7 +211,7 @@ def _times(some: np.ndarray, others: np.ndarray) -> float:
 
 
 def reliability_text(rows: Sequence[Reliability]) -> str:
-    """Return the rows as CSV text, with empty cells where there is no value."""
+    """Return the rows as CSV text, with an empty cell for each missing value."""
     return csv_text(COLUMNS, (astuple(row) for row in rows))
 
 

@@ -1,10 +1,10 @@
 """Compute bias and limits of agreement of repeated measurements, with confidence intervals.
 
 The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of simultaneous values (one per system)
-of a quantity that changes from pair to pair: the variance of a difference between the systems is the variance within a
-unit plus the variance between units, both from a one-way analysis of variance. A unit is a subject or, with few
-subjects, a stretch of a recording. Confidence intervals are computed by the method of variance estimates recovery: Zou
-2013 (doi:10.1177/0962280211402548).
+of a quantity that changes from pair to pair: the variance of a difference between the systems is the sum of the
+variance within a unit and the variance between units, both from a one-way analysis of variance. A unit is a subject or,
+with few subjects, a stretch of a recording. Confidence intervals are computed by the method of variance estimates
+recovery: Zou 2013 (doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from scipy import stats
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
-"""Minimum number of subjects for which each subject counts as a unit, and minimum number of units for confidence
-intervals: with fewer units, an interval would be too wide to be of use.
+"""Minimum number of subjects at which each subject counts as a unit, and minimum number of units for confidence
+intervals. With fewer units, an interval would be too wide to be useful.
 """
 
 CONFIDENCE: Final = 0.95
@@ -151,15 +151,16 @@ LEAST_SAMPLES: Final = 10
 """Minimum number of samples (pairs of both systems' values) for computing agreement, or the CMC of two curves."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""Nominal shares of errors inside a central interval, each to be compared with the observed share."""
+"""Nominal shares of the errors that lie in a central interval; each is compared with the observed share."""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
     The CMC is 1 where both curves coincide; offsets and gains between the curves lower it. It is None for fewer than
-    ``LEAST_SAMPLES`` samples, and where the curves differ by more than they vary: the CMC would be the root of a
-    negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
+    ``LEAST_SAMPLES`` samples. It is also None if the curves differ by more than they vary, since the CMC would be the
+    root of a negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two
+    protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None

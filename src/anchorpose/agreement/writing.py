@@ -133,14 +133,15 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
 
 
 class Plot:
-    """The size of a picture (WIDTH, HEIGHT) and the edges of the plot in it, in units of the SVG."""
+    """The size of a picture (WIDTH, HEIGHT), and the edges of the plot in this picture, in units of the SVG."""
 
     WIDTH, HEIGHT = 420, 240
     LEFT, END, TOP, BASE = 52, 408, 10, 206
 
 
 MOST_POINTS: Final = 400
-"""For a plot, a long recording is thinned to one to two times this number of points; more points would hide each other.
+"""Number of points to which a long recording is thinned for a plot (at most twice as many are drawn); more points would
+hide each other.
 """
 
 

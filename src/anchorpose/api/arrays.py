@@ -1,4 +1,4 @@
-"""Hold a recording (cameras with depth images in metres) in memory, and write it as a recording folder."""
+"""Define a recording in memory (cameras with depth images in metres), and write it as a recording folder."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ LARGEST_GREY: Final = 65535  # the largest 16-bit grey value
 class Setup:
     """The cameras of a recording, and optional prior knowledge about the patient and the room.
 
-    subject: statements about the patient. equipment: path of an equipment.json. empty_room_m: by camera name, a depth
-    image (height, width) of the room without people, metres.
+    subject: what is known about the patient, such as the height. equipment: path of an equipment.json. empty_room_m: by
+    camera name, a depth image (height, width) of the room without people, metres.
     """
 
     cameras: Sequence[Camera]

@@ -1,7 +1,8 @@
-"""Track frame by frame: take depth images while they arrive, and return the joints in each frame.
+"""Track frame by frame: accept depth images as they arrive, and return the joints in each frame.
 
-As in ``anchorpose live``, the first seconds are analysed before tracking starts. They determine clocks and camera
-poses, the room, the patient and the patient's body. Until tracking starts, all images are kept in a temporary folder.
+As in ``anchorpose live``, tracking starts after the first seconds. From their images, the program determines clocks and
+camera poses, the room, the patient and the patient's body. Until tracking starts, all images are kept in a temporary
+folder.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s of images, as in ``anchorpose live``, in which a patient moves enough to locate the joints
+START_S: Final = 6.0  # s, as in ``anchorpose live``: in this time, a patient moves enough to locate the joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,8 @@ class Pose:
     """The patient in one frame.
 
     joints_m (21, 3): in the order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right),
-    NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: how each joint was
-    determined.
+    NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: the state of each joint:
+    observed, hidden (and by what), outside of the image, or lost.
     """
 
     frame: int
@@ -194,7 +195,7 @@ class Tracker:
                 self._begin()
 
     def _learn(self) -> Estimate | None:
-        """Learn from the first seconds; return the newest estimate, or None if nobody is found (``why`` gives the
+        """Learn from the first seconds; return the newest estimate, or None if no patient is found (``why`` gives the
         reason).
         """
         seen = [writer.folder.name for writer in self._writers if writer.written]

@@ -1,5 +1,5 @@
-"""Turn the path that a caller gives into a recording: a recording folder is used as it is; the file of another
-recording program or device (recorder) is converted.
+"""Find the recording folder for the path that a caller gives. A recording folder is used as it is; a file of another
+recording program or device (recorder) is converted first.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ class Watcher:
     """A receiver of progress and notes that ignores both. The command line has a subclass that draws progress bars and
     prints notes.
 
-    how_to_resume: advice in the message of a stopped run. If it is None, the message advises repeating the command with
-    --resume.
+    how_to_resume: advice for the message of a stopped run. If it is None, the message advises the user to repeat the
+    command with --resume.
     """
 
     def __init__(self, how_to_resume: str | None = None) -> None:
         self.how_to_resume = how_to_resume
 
     def working(self, on: str, at_once: bool = True) -> AbstractContextManager[Progress]:
-        """Return a context manager for one piece of work, named by ``on``. The context manager yields a function that
-        the work calls with (done, total); total is None while unknown.
+        """Return a context manager for one piece of work, named by ``on``. It yields a function that the work calls
+        with (done, total) to report progress; total is None while it is unknown.
 
         at_once: whether the work is shown at once; if False, it is shown from the first call on.
         """

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 PATIENT: Final = "patient"
 WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a joint error below this; larger errors affect measures
-EVEN: Final = 0.01  # frames count as evenly spaced if their intervals differ by less than this share of an interval
+EVEN: Final = 0.01  # maximum difference of the intervals between evenly spaced frames, as a share of an interval
 
 
 class Results:
-    """A results folder. Every table is read when it is used; missing values are NaN or None, and are never filled in.
+    """An open results folder. Each table is read when it is first asked for. Missing values stay missing (NaN or None).
 
     folder: the path of the results. If ``track`` was called without a folder, this is a temporary folder that exists as
     long as this object lives.

@@ -29,8 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
-# maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
-# the job is probably the cause: it may need too much memory
+# Maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
+# it is probably the cause, for example because it needs too much memory.
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -129,7 +129,7 @@ def _local(workers: int) -> Any:
         processes=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
-        memory_limit=0,  # no limit, since not the worker but its child processes hold data
+        memory_limit=0,  # no limit, since the data are in the worker's child processes
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -189,8 +189,8 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
 
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
-    """Run the jobs and yield their outcomes. At most as many jobs are submitted at once as workers have threads, since
-    the death of a worker also counts as a failure of the jobs that wait on this worker.
+    """Run the jobs and yield their outcomes. The number of submitted jobs is at most the number of the workers'
+    threads, since the death of a worker counts as a failure of every job that waits on it.
 
     A future is released once its outcome is known. The scheduler then forgets the job, and does not repeat it if its
     worker dies later.
@@ -221,7 +221,7 @@ def _submit(client: Client, job: Job, number: int, group: str) -> Future:
 
 
 def _why(future: Future) -> str | None:
-    """Return why the scheduler gave up a job; None if the job has an outcome."""
+    """Return the reason why the scheduler gave up a job; None if the job has an outcome."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "finished":

@@ -1,8 +1,8 @@
 """Find the sessions of a batch (the recordings to track), and name the results folder of each.
 
 The user lists recordings one by one, by folder, by pattern, or in a table with one row per recording. ``batch.json`` in
-the folder of a batch keeps the session name of each recording over all calls, so that no name is used again for another
-recording.
+the folder of a batch stores the session name of each recording for later calls, so that a name is never used for
+another recording.
 """
 
 from __future__ import annotations
@@ -78,8 +78,7 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given; at this stage, only sessions from a table can have a
-    name.
+    """Find the sessions that a user lists, in the order given. Only sessions from a table can have a name yet.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: options of all sessions; a row of a table overrides them.
@@ -111,8 +110,7 @@ def _sessions_of(text: str, options: TrackOptions) -> Iterator[Session]:
 
 def _recordings_in(path: Path) -> list[Path]:
     """Return all recordings below a folder; the path itself if it is a recording, a file, or a folder without
-    recordings. Whether a file or a folder without recordings can be read is found out later, by the readers of
-    recorders' files.
+    recordings. The readers of recorders' files test later whether a file or a folder without recordings can be read.
     """
     if not path.is_dir() or (path / RECORDING_FILE).is_file():
         return [path]
@@ -169,8 +167,8 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Maximum length of a session's name in bytes. Encrypted folders allow 143 bytes, and file names of a run are up to 30
-longer, as in .NAME.json.partial-01234567.
+"""Maximum length of a session's name in bytes. Encrypted folders allow names of 143 bytes, and some file names of a run
+have up to 30 bytes more, as in .NAME.json.partial-01234567.
 """
 
 # names that Windows does not allow for files
@@ -191,9 +189,9 @@ class NamedRecording:
     mark: str | None = None
 
     def is_of(self, other: NamedRecording) -> bool:
-        """Return whether both entries are the same recording. They are if their paths are equal and their marks are
-        not known to differ. They also are if their marks are known and equal and this entry's path does not exist any
-        more, since the recording was moved.
+        """Return whether both entries are the same recording. This is so if their paths are equal, unless both marks
+        are known and differ. It is also so if their marks are known and equal, and this entry's path does not exist,
+        since the recording was then moved.
         """
         same_images = self.mark == other.mark or None in (self.mark, other.mark)
         if self.recording == other.recording:

@@ -97,7 +97,7 @@ MOVE_AWAY: Final = "move it away, or choose another folder for the batch"
 
 
 def note_outcome(out: Path, outcome: Outcome) -> None:
-    """Store the outcome of a session in a file beside its log. A later summary reads from this file why the session
+    """Store the outcome of a session in a file beside its log, from which a later summary reads why the session
     failed.
     """
     path = _outcome_file(out, outcome.name)
@@ -128,7 +128,7 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
-    A session that failed in its last run counts as failed, whatever results exist. outcomes: for each session that has
+    A session that failed in its last run counts as failed even if results exist. outcomes: for each session that has
     just run, by name, why the session failed; None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
@@ -145,7 +145,7 @@ def row_of(
 
 
 def _noted(out: Path, name: str) -> str | None:
-    """Return why a session failed in its last run; None if the session did not fail or has not run."""
+    """Return the reason why a session failed in its last run; None if it did not fail or has not run."""
     path = _outcome_file(out, name)
     if not is_there(path):
         return None
@@ -184,7 +184,7 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session, except those that refer to one other person; empty if the session was not
+    """Return the measures of a session, without measures about a single other person; empty if the session was not
     measured.
     """
     path = results / MEASURES_FILE
@@ -213,7 +213,7 @@ def _write(out: Path, table: RecordTable[Any], rows: Sequence[Any]) -> None:
 
 
 def _for_spreadsheets(table: pa.Table) -> pa.Table:
-    """Return the table with texts changed such that no spreadsheet runs them as a formula."""
+    """Return the table with changed texts, so that spreadsheets do not run any text as a formula."""
     for index, column in enumerate(table.schema):
         if column.type == _TEXT:
             cells = [cell and cell_text(cell) for cell in table[column.name].to_pylist()]

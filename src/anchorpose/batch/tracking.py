@@ -47,7 +47,7 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track only session number ``index``, counted from 0, and return its row. A job of a job array does this."""
+    """Track only session number ``index``, counted from 0, as a job of a job array does; return its row."""
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]

@@ -1,13 +1,13 @@
 """Run a job in a child process of the scheduler's worker, and wait for it.
 
-The worker itself does none of the work, so a crash, a memory leak or a killed child does not affect the worker. If the
-worker is killed, its child ends too. The worker returns only an ``Outcome``; results are files, so no result is lost if
-the worker is killed.
+The child does all of the work, so the worker is not affected if the child crashes, leaks memory or is killed. If the
+worker is killed, its child ends, too. The worker returns only an ``Outcome``; results are files, so no result is lost
+if the worker is killed.
 
 The child reads the work, a pickled call, from its standard input. Unpickling it adds no risk: anyone who may submit a
 job to dask can run anything on its workers. Nothing is unpickled from a disk. The input stays open as long as the
-worker lives. If the worker is killed, the input ends, and the child stops itself as by SIGTERM. Data that the child has
-stored so far are kept, so the work can be resumed elsewhere.
+worker lives. If the worker is killed, the input ends, and the child stops as if it had received SIGTERM. The data that
+the child has stored are kept, so the work can be resumed elsewhere.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Yield a started child, or None if its group was stopped. A child runs in another session of the operating system,
-    so Ctrl+C in a terminal does not reach it.
+    """Yield a started child, or None if its group was stopped. The child runs in its own session of the operating
+    system, so Ctrl+C in a terminal does not reach the child.
     """
     if group in _stopped:
         yield None
@@ -131,7 +131,7 @@ def do_work() -> int:
     threading.Thread(target=_stop_when_abandoned, daemon=True).start()
 
     def work() -> None:
-        call()  # its return value must not become the exit code
+        call()  # the return value must not become the exit code
 
     return exit_code_of(work)
 

@@ -25,15 +25,15 @@ from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
 NOISY_PER_M: Final = 2 * 1.425e-3  # 1/m, maximum noise sigma / depth^2; twice a Kinect v1's (Khoshelham, Elberink 2012)
-# shares of pixels without a reading (yellow, red); indoors, windows and far walls cause shares of 0.05 to 0.35
+# limits (yellow, red) of the share of pixels without a reading; in rooms, windows and far walls cause 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
-# a frame is disturbed if its noise exceeds the noise of the median frame by more than this factor; undisturbed frames
-# deviate by up to 10 %
+# maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. Undisturbed frames
+# deviate by up to 10 %.
 BURST: Final = 1.3
 GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels exceeds the median by this; passers-by add less
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
-# shares of pixels (yellow, red) that gain or lose a reading from one frame to the next; the usual share is 0.03
+# limits (yellow, red) of the share of pixels that gain or lose a reading between two frames; usual: 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
 LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
@@ -150,21 +150,22 @@ def _hole_share(view: View) -> float:
 
 # field of view in degrees; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
-# principal point's distance from the middle, as a share of the image's size (yellow, red); real lenses have up to 0.03
+# limits (yellow, red) of the principal point's distance from the image's middle, as a share of the image's size; real
+# lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # maximum relative difference of the focal lengths fx and fy; pixels are nearly square
-# m, bend of the floor (yellow, red); real floors are flat to 2 cm, and a bend of 8 cm moves feet by 8 cm
+# m, limits (yellow, red) of the floor's bend; real floors are flat to 2 cm, and a bend of 8 cm moves feet by 8 cm
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08
 ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the floor plane; higher readings are objects
 RINGS: Final = 6  # number of rings about the optical axis into which readings of the floor are divided
 LEAST_READINGS: Final = 300  # minimum number of readings in a ring for computing its median
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # degrees (yellow, red), a wall's deviation from a right angle with the floor
 UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
-# minimum cosine between a wall's normal and the viewing direction; walls seen more from the side look upright even if
-# lens parameters are wrong
+# minimum cosine between a wall's normal and the viewing direction, since walls seen more from the side look upright
+# even if lens parameters are wrong
 FACING: Final = 0.5
-# maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees): the end of the sensor's
-# range also looks like a wall, but at an angle below 2 degrees
+# maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees), since the end of the
+# sensor's range also looks like a wall, at an angle below 2 degrees
 PARALLEL: Final = 0.996
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # m, a person's height; adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
@@ -221,7 +222,7 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
     """Divide the floor into rings about the optical axis, and return the largest difference (m) between the median
     heights of two rings; NaN with too few readings of the floor.
 
-    Wrong lens parameters bend planes, and bend them more the farther they are from the axis; noise and furniture hardly
+    Wrong lens parameters bend planes, more strongly at a greater distance from the axis. Noise and furniture hardly
     change medians.
     """
     above_m = camera.back_project(room_m) @ floor.up.astype(np.float32) + np.float32(floor.height_m)
@@ -236,8 +237,8 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 
 
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
-    """Return by how many degrees the most upright wall that faces the camera deviates from a right angle with the
-    floor; NaN without such a wall.
+    """Return the deviation (degrees) from a right angle with the floor, of the most upright wall that faces the camera;
+    NaN without such a wall.
 
     A wrong focal length shears the room if the camera looks down; furniture may lean, so one upright wall is enough.
     Walls parallel to the image are left out: they stay parallel with any focal length, and the end of the sensor's
@@ -285,8 +286,8 @@ def _heights_m(material: Material) -> Sequence[float]:
 
 def _tallest_m(material: Material) -> Sequence[float]:
     """Return the height in m above the floor of the highest person in each sampled frame; empty without a floor. The
-    height is correct even if the search for the patient splits a person who seems too tall, since the highest piece
-    counts.
+    search for the patient may split a person who seems too tall into pieces. The height is still correct, since the
+    highest piece counts.
     """
     if material.floor_m is None or material.look is None:
         return []

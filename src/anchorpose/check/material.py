@@ -70,8 +70,8 @@ def level_of(value: float, yellow: float, red: float) -> Level:
 
 
 def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
-    """Join the parts of several cameras to one finding with the worst level; cameras are named if there is more than
-    one.
+    """Join the parts of several cameras to one finding with the worst level; with several cameras, the finding names
+    them.
 
     If some parts are not green, green parts and their remedies are left out.
     """
@@ -85,10 +85,10 @@ def of_cameras(check: str, parts: Sequence[OfCamera]) -> Finding:
     return Finding(check, level, "; ".join(named), "; ".join(remedies))
 
 
-LOOKS: Final = 6  # number of frames in which the patient is examined closely; each takes up to 1 s of computing
+LOOKS: Final = 6  # number of frames in which the patient is examined closely; each frame takes up to 1 s
 PAIRS: Final = 6  # number of pairs of successive frames that are compared to find readings that come and go
 BODIES: Final = 8  # number of frames in which a body is fitted to each person; 1 s of computing for three people
-SHORT: Final = 300  # recordings with fewer frames per camera are not thinned; 10 s at 30 frames per second
+SHORT: Final = 300  # minimum number of frames per camera for thinning a recording; 10 s at 30 frames per second
 ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders often just miss the advised 15 Hz
 BORDER_PX: Final = 4  # pixels, width of the strip that counts as a border; filters leave outer rows without readings
 REACH_M: Final = 0.10  # m, maximum depth difference between a skin point of a roughly fitted body and the pixel there
@@ -107,7 +107,7 @@ class SeenPatient:
 
     @property
     def cut_above(self) -> bool:
-        """Return whether every image that shows the patient cuts them off at the upper border, so that the head is not
+        """Return whether the upper border cuts off the patient in every image that shows them, so that the head is not
         seen.
         """
         shown = [view.patient for view in self.views if view is not None and view.patient.any()]
@@ -116,10 +116,10 @@ class SeenPatient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """The material that the checks examine. recording: has one clock for all cameras if ``settled`` is known. settled:
-    clocks and poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras' poses are unknown;
-    ``refusal`` has the reason. successive: pairs of successive frames, between which people hardly move. patient: the
-    patient in some of the sampled frames; empty if nobody was found.
+    """The material that the checks examine. recording: the recording; its cameras have one common clock if ``settled``
+    is known. settled: clocks and poses; look: empty room and people. ``settled`` and ``look`` are None if the cameras'
+    poses are unknown; ``refusal`` has the reason. successive: pairs of successive frames, between which people hardly
+    move. patient: the patient in some of the sampled frames; empty if no patient was found.
     """
 
     recording: Recording

@@ -35,18 +35,18 @@ from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy
 from anchorpose.tracker.look import Look
 from anchorpose.tracker.room import NOBODY_SEEN
 
-TOO_SLOW_HZ: Final = 5.0  # Hz; at a lower rate, a walking person may move by a whole step between two frames
+TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
 # shares of a camera's frames that are missing (yellow, red). Tracking bridges single missing frames; above 0.25, parts
 # of the recording have only half the frame rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
-# shares (yellow, red) of frame intervals that deviate from multiples of the camera's period by over a quarter of the
-# period; at 30 Hz, such a deviation puts a hand that moves at 2 m/s 2 cm off
+# Limits (yellow, red) of the share of frame intervals that deviate from multiples of the camera's period by over a
+# quarter of the period. At 30 Hz, such a deviation gives a hand that moves at 2 m/s an error of 2 cm.
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
 def check_frames(material: Material) -> list[Finding]:
-    """Return findings on number, rate and completeness of frames, on how even time stamps are, and on the cameras'
+    """Return findings on number, rate and completeness of frames, on the evenness of time stamps, and on the cameras'
     clocks.
 
     Raises InputError if cameras never overlap in time.
@@ -91,7 +91,9 @@ def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
 
 
 def _stamps(gaps: CameraGaps, stream: DepthStream) -> OfCamera:
-    """Return a finding on frame intervals that are no multiple of the camera's period, and on times without frames."""
+    """Return a finding on frame intervals that are not multiples of the camera's period, and on times without
+    frames.
+    """
     steps = np.diff(stream.time_s)
     uneven = float(np.mean(off_beat(steps, gaps.period_s) > OFF_BEAT)) if len(steps) else 0.0
     level = level_of(uneven, SOME_UNEVEN, MANY_UNEVEN)
@@ -191,11 +193,12 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels; a body with more pixels than this at a border is cut off there; even a hand has more pixels
-SOMETIMES, MOSTLY = 0.1, 0.5  # shares of frames in which the body is cut off (yellow, red); a raised hand can be
+CUT_PX: Final = 3  # pixels, maximum number at a border of a body that is not cut off there; even a hand has more
+SOMETIMES, MOSTLY = 0.1, 0.5  # share of frames that cut off the body (yellow, red); raised hands may be cut off
 NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# hidden shares of the skin that faces the camera (yellow, red); above 0.8, more of the body is inferred than seen
+# limits (yellow, red) of the hidden share of the skin that faces the camera; above 0.8, more of the body is inferred
+# than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 

@@ -30,7 +30,7 @@ STOPPING: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", 
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal that ends the process, raised as an exception so that each function on the call stack cleans up:
+    """A signal that ends the process. It is raised as an exception, so that each function on the call stack cleans up:
     half-written folders are removed, or kept so that a later run can continue.
     """
 
@@ -92,7 +92,9 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
 
 def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for an argument that is not text in UTF-8: neither tables nor JSON can state such file names."""
+    """Raise InputError for an argument that is not text in UTF-8, since neither tables nor JSON can hold such file
+    names.
+    """
     for token in tokens:
         if not is_utf8(token):
             raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")

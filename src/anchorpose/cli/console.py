@@ -1,4 +1,4 @@
-"""Print everything that commands print. Names may come from files, so no character of a text may control the terminal.
+"""Print all output of commands. Names in it may come from files, so no character may control the terminal.
 
 No other module calls ``print`` or makes a console (``tests/test_structure.py``).
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Column
     from rich.text import Text
 
-# Unicode categories of characters that may control a terminal: controls, line breaks, undecodable bytes
+# Unicode categories of characters that can control a terminal: controls, line breaks, undecodable bytes
 ACTING: Final = frozenset(("Cc", "Zl", "Zp", "Cs"))
 BIDIRECTIONAL: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
@@ -75,8 +75,8 @@ def plain_console(error: bool = False) -> Console:
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
 
-    at_once: whether the bar appears before the first call, which may come late. If False, work that is refused before
-    it begins shows no bar.
+    at_once: if True, the bar appears at once, since the first call may come late. If False, it appears with the first
+    call, so that work that is refused at its beginning shows no bar.
     """
     from rich import progress as parts
 
@@ -105,9 +105,9 @@ def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
 
 
 def open_page(page: Path) -> bool:
-    """Open a page of this computer in the browser; returns False if no browser can be shown.
+    """Open a page of this computer in the browser; return False if no browser can be opened.
 
-    Nothing opens in CI, if the output goes to a file or another program, or on a remote machine without a display.
+    No browser opens in CI, on a remote machine without a display, or if the output goes to a file or another program.
     """
     import webbrowser
 
@@ -136,7 +136,9 @@ class OnConsole(Watcher):
 
 @contextmanager
 def counter(what: str) -> Iterator[Callable[[], None]]:
-    """Show a line on the error stream that counts calls of the yielded function, for work of unknown length."""
+    """Show a line on the error stream that counts the calls of the yielded function; used for work of unknown
+    length.
+    """
     count = 0
     with plain_console(error=True).status("Working") as status:
 

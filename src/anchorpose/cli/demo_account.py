@@ -1,4 +1,4 @@
-"""Write the sentences that ``anchorpose demo`` prints at its end: the figures of an evaluation in words."""
+"""Write the sentences that ``anchorpose demo`` prints at its end. They state the figures of an evaluation in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that compare results: with the truth, with another system, or with each other."""
+"""Define the commands that compare results: with the truth, with another system, or with each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that use connected cameras: live and record."""
+"""Define the commands that use connected cameras: live and record."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Commands that prepare tracking: convert, check and calibrate prepare a recording; equipment and motions make the
-files of equipment and of reference movements that tracking uses.
+"""Define the commands that prepare tracking: convert, check and calibrate prepare a recording; equipment and motions
+make the files of equipment and of reference movements that tracking uses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Commands that run the research: the paper's comparison and the public benchmark."""
+"""Define the commands for research: the paper's comparison and the public benchmark."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def experiment(
     """
     settings = _settings(quick, config)
     for name in KERNELS:
-        os.environ.setdefault(name, "1")  # one thread, so that the movements do not depend on the number of cores
+        os.environ.setdefault(name, "1")  # a single thread, so that the movements do not depend on the number of cores
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as stopped:

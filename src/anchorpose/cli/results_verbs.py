@@ -1,4 +1,4 @@
-"""Commands that read a results folder: measure, export, report, verify."""
+"""Define the commands that read a results folder: measure, export, report, verify."""
 
 from __future__ import annotations
 

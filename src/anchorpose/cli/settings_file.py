@@ -39,7 +39,7 @@ COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of commands that use no settings of tracking, only the file's table with the command's
+    """The option ``--config`` of commands without settings of tracking; they use only the file's table with their own
     name. ``fill_from_file`` reads the file before the command begins.
     """
 

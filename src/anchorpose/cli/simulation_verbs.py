@@ -236,8 +236,8 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
 
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
-DEMO_SEED = 3  # with this seed, the patient (not the therapist) is nearest to the camera at the start
-DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked in half the time of 30 frames per second
+DEMO_SEED = 3  # a seed with which the patient, not the therapist, is nearest to the camera at the start
+DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked twice as fast as 30
 
 
 def demo(

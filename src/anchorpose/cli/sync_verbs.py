@@ -1,4 +1,4 @@
-"""The command that brings results and the file of another device to one clock: sync."""
+"""Define the command sync, which brings results and the file of another device to one clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that track: track for one recording, batch for many."""
+"""Define the commands that track: track for one recording, batch for many."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
     """Track a recording on this machine into a local results folder, show progress, and print a summary.
 
-    go_on: words for the command with which the user continues after a stop; None: the same command with --resume.
+    go_on: text of the command with which the user continues after a stop; None for the same command with --resume.
     """
     from anchorpose.api.track import Options, track_watched
     from anchorpose.cli.console import OnConsole, print_outcome

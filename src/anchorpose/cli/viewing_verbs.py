@@ -1,4 +1,4 @@
-"""Commands that show something: view for results in the browser, inspect for every stage of one frame."""
+"""Define the commands that show pages or pictures: view for results, inspect for every stage of one frame."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PageOptions:
     def showing(self, address: str, what: str, others_may: str) -> Iterator[None]:
         """Print the address and open it in the browser for the duration of the with block.
 
-        what: the page's name in the message; others_may: what other people with the address can do.
+        what: the page's name in the message. others_may: words for what other people who have the address can do.
         """
         from anchorpose.viewer.access import is_loopback
         from anchorpose.viewer.guarded_server import opened_page
@@ -134,8 +134,8 @@ def _rate(results: Path, recording: Path | None, given: ViewOptions) -> None:
 
 
 def _serve(server: ReviewServer, showing: AbstractContextManager[None], where: str, kept: str) -> None:
-    """Serve the page until Ctrl+C. where: sentence on where corrections or scores are saved, printed at the beginning;
-    kept: a clause on when they were saved, printed at the end.
+    """Serve the page until Ctrl+C. where: sentence that is printed at the beginning and states where corrections or
+    scores are saved. kept: clause that is printed at the end and states when they were saved.
     """
     try:
         with showing:

@@ -1,7 +1,8 @@
-"""Write BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8): a dataset of one subject with one
+"""Write a dataset in BIDS-Motion (Jeung et al. 2024, doi:10.1038/s41597-024-03559-8), with one subject and one
 recording.
 
-Each column of motion.tsv is a channel; trials, contacts and episodes are BIDS events in the file events.tsv beside it.
+Each column of motion.tsv is a channel. Trials, contacts and episodes are BIDS events, in the file events.tsv beside
+motion.tsv.
 """
 
 from __future__ import annotations
@@ -209,7 +210,7 @@ def write_bids(folder: Path, source: Source, config: ExportConfig) -> Product:
 
 
 def _events(stem: Path, source: Source) -> None:
-    """Write events.tsv and its JSON file or, without events, neither file, as BIDS requires."""
+    """Write events.tsv and its JSON file. Without events, write neither, as BIDS requires."""
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
     events = events_of(source.folder, float(source.samples.time_s[0]), trials)
     if events:

@@ -1,4 +1,6 @@
-"""Write BVH, a file of the skeleton as a hierarchy of rotating bones, for Blender and other animation programs."""
+"""Write BVH files for Blender and other animation programs. They describe the skeleton as a hierarchy of rotating
+bones.
+"""
 
 from __future__ import annotations
 
@@ -66,9 +68,9 @@ class Node:
 def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
     """Build the nodes from joint centres (n, 21, 3). Bone lengths are medians over the frames.
 
-    A bone's rotation relative to its parent is the shortest that gives the bone its direction, so no rotation about its
-    long axis is invented. The lines between the hips and between the shoulders determine the rotation of pelvis and
-    chest.
+    A bone's rotation relative to its parent is the shortest rotation that gives the bone its direction, since its
+    rotation about its long axis is unknown. The lines between the hips and between the shoulders determine the rotation
+    of pelvis and chest.
     """
     rest = shape_body(load_body_asset(), np.zeros(0)).rest_joints()[None]
     nodes, index = [Node(ROOT, -1, np.zeros(3), np.zeros(3), pelvis_axes(position_m))], {ROOT: 0}
@@ -104,7 +106,7 @@ def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return turn
 
 
-# For head, hands and feet (bones without a child), by name: the joint to which the bone points.
+# For bones without a child (head, hands and feet), by name: the joint to which the bone points.
 _ENDS: Final = {
     "Head": "Head",
     "LeftHand": "HandLeft",
@@ -170,8 +172,8 @@ def _matrices(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
-    """Return the median (3,), over n frames, of a world vector (n, 3) that is converted to a bone's axes; NaN if all n
-    are NaN.
+    """Convert a world vector (n, 3) to a bone's axes, and return its median (3,) over the n frames; NaN if it is NaN in
+    all frames.
     """
     inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
     known = inside[np.isfinite(inside).all(axis=1)]

@@ -36,7 +36,7 @@ LARGEST_FRAMES: Final = 65535
 """Maximum number of frames in a file, since the format counts frames with 16 bits. A longer recording is split."""
 
 LARGEST_RESIDUAL: Final = 255.0  # maximum residual in mm, since the file stores it in one byte
-NOT_GIVEN: Final = -1.0  # value for a missing sigma, since an analog channel has no mark for missing values
+NOT_GIVEN: Final = -1.0  # value of an unknown sigma, since analog channels have no mark for missing values
 
 
 def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:

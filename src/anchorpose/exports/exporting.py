@@ -1,5 +1,5 @@
-"""Export a results folder: write each format into a separate folder, either all formats or none. This module also
-writes CSV.
+"""Export a results folder: write each format into a separate folder. After an error, no format is written. This module
+also writes the format CSV.
 
 The CSV export has every table of the results, wide tables of joints and angles, a long table of the measures of all
 trials, and a dictionary of all columns.
@@ -70,7 +70,7 @@ def _described(
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
     """Write a CSV for each table that holds no images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
 
-    If there are trials, measures_by_trial.csv has a row per trial and measure.
+    If the results have trials, also write measures_by_trial.csv, with a row per trial and measure.
     """
     dictionary, notes, rows = list[tuple[str, ...]](), list[str](), 0
     trials = read_trial_table(source.folder / TRIALS_FILE) if (source.folder / TRIALS_FILE).exists() else None
@@ -128,7 +128,7 @@ def _by_trial_row(trial: Trial, measure: Measure) -> list[str]:
 
 
 def _metadata(name: str, schema: pa.Schema) -> list[str]:
-    """Return the metadata of a table, such as its smoothing, as notes, since a CSV has no place for them."""
+    """Return the metadata of a table, such as its smoothing, as notes, since a CSV cannot hold metadata."""
     texts = {key.decode(): value.decode(errors="replace") for key, value in (schema.metadata or {}).items()}
     return [f"{name}, {key}: {value}" for key, value in texts.items() if key != "pandas"]
 
@@ -249,7 +249,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return patterns of the files that an earlier export wrote into a folder, which may be replaced; empty without
+    """Return patterns of the files in a folder that may be replaced, since an earlier export wrote them; empty without
     such files.
     """
     record = folder / RECORD_FILE

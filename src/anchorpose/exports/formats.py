@@ -19,7 +19,7 @@ from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read
 from anchorpose.results.verify import require_own
 
 STATES: Final = tuple(str(state) for state in JointState)
-"""Names of the states in the order of their codes, 0 (observed) to 6 (lost); formats that hold only numbers have the
+"""Names of the states in the order of their codes, 0 (observed) to 6 (lost); formats that hold only numbers store the
 codes.
 """
 
@@ -117,8 +117,8 @@ def _angles(path: Path, joints: JointTable) -> _Angles:
 class Product:
     """The report of a format's writer on the files that it wrote, for export.json. axes, units: descriptions in words.
 
-    time: how the times were changed; missing: the mark of a missing value; counts: numbers by which the files can be
-    checked, such as the number of frames written; notes: further information for people.
+    time: a description of how the times were changed; missing: the mark of a missing value; counts: numbers by which
+    the files can be checked, such as the number of frames written; notes: further information for people.
     """
 
     axes: str

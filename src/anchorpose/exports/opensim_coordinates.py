@@ -31,8 +31,8 @@ SIDES: Final = (("Right", "r", 1), ("Left", "l", -1))
 
 LOWER_SPINE_LEAN_DEG: Final = 4.4
 UPPER_SPINE_LEAN_DEG: Final = 5.2
-"""Leans of the spine, in degrees, if the body model's mean shape stands upright: the line from the hips to SpineMid
-leans back by ``LOWER_SPINE_LEAN_DEG``, the line from SpineMid to SpineShoulder leans forward by
+"""Inclinations of the spine, in degrees, of the body model's mean shape in upright standing. The line from the hips to
+SpineMid leans back by ``LOWER_SPINE_LEAN_DEG``; the line from SpineMid to SpineShoulder leans forward by
 ``UPPER_SPINE_LEAN_DEG``. These leans define the zeros of the pelvis and lumbar coordinates, as ``SOLE_SLOPE_DEG``
 defines the zero of the ankle; a test compares these values with the body model.
 """
@@ -81,8 +81,8 @@ def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def limb_angles_deg(direction: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return flexion and adduction (n,), in degrees, of a limb. If both are zero, the limb hangs along -Y. direction
-    (n, 3): along the limb, in the axes of the pelvis or trunk.
+    """Return flexion and adduction (n,) of a limb, in degrees, both zero if the limb hangs along -Y. direction (n, 3):
+    direction of the limb in the axes of the pelvis or trunk.
 
     side: 1 right, -1 left; adduction is towards the body's midline on both sides.
     """
@@ -156,8 +156,8 @@ def opensim_coordinates(
     do not determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
-    computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros, so with these
-    coordinates its markers are at the joints. Names, axes and signs are those of Rajagopal et al. 2016
+    computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros: if it is given
+    these coordinates, its markers are at the joints. Names, axes and signs are those of Rajagopal et al. 2016
     (doi:10.1109/TBME.2016.2586891), or of Delp et al. 1990 (doi:10.1109/10.102791) for gait2392, in which a bent knee
     is negative.
     """
@@ -230,7 +230,7 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     hinges = read_hinge_axes(source.folder / POSES_FILE, source.frame)
     coordinates = opensim_coordinates(source.samples.position_m, config.model, hinges)
     names = tuple(coordinates)
-    whole = np.stack([coordinates.pop(name) for name in names], axis=1)  # popped, to free memory for long results
+    whole = np.stack([coordinates.pop(name) for name in names], axis=1)  # ``pop`` frees memory for long results
     stretches = stretches_of(np.isfinite(whole), near_in_time(source.samples.time_s))
     if not stretches.runs:
         raise AnchorposeError("No two frames in a row have the joints that a MOT needs; export with --to csv instead.")

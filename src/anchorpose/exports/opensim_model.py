@@ -15,8 +15,8 @@ from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
 Places = Mapping[str, np.ndarray]
-"""For each joint, by name: its position (3,), metres, in the axes of the OpenSim body that carries it, relative to the
-origin of that body; limbs hang straight down in these positions.
+"""Positions of the joints by name: each (3,), metres, relative to the origin of the OpenSim body that carries the
+joint, in this body's axes, while the limbs hang straight down.
 """
 
 _IN_TRUNK: Final = {
@@ -35,7 +35,7 @@ _LIMBS: Final = {
     "Wrist": "Elbow",
     "Hand": "Wrist",
 }
-"""For each joint of a limb: the joint at the upper end of the bone whose lower end it is."""
+"""For each joint of a limb: the joint at the other (upper) end of the bone above it."""
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
@@ -200,8 +200,8 @@ def _ball(
 
 OSIM_VERSION: Final = "40000"  # version of the file format; every OpenSim 4 reads it
 NOMINAL_MASS_KG: Final = 75.0
-"""Mass of an adult. OpenSim needs a mass to load the model; the patient's mass is unknown, and kinematics do not depend
-on the mass.
+"""Mass of an adult. OpenSim needs a mass to load the model. The patient's mass is unknown, but kinematics do not depend
+on it.
 """
 
 ROD_RADIUS_M: Final = 0.012  # radius of the cylinders that are drawn for the bodies

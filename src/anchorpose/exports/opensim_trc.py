@@ -21,8 +21,8 @@ from anchorpose.options import CoordinateModel, ExportConfig
 TRC_FILE: Final = "joints.trc"
 
 MISSING: Final = "NaN"
-"""OpenSim's mark of a missing value. Its reader refuses an empty cell at the end of a line, and takes zeros for a
-marker at the origin.
+"""OpenSim's mark of a missing value. OpenSim refuses an empty cell at the end of a line, and reads zeros as a marker at
+the origin.
 """
 
 
@@ -71,11 +71,12 @@ def trc_body(samples: Samples) -> Iterator[list[str]]:
 
 SCALED_MODEL: Final = "scaled.osim"
 
-# Weights of markers; other markers have the weight 1. The model cannot move shoulder girdle and wrist, so markers there
-# fit less well.
+# Weights of markers; all other markers have the weight 1. Shoulder girdle and wrist do not move in the model, so
+# markers there fit less well.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
-# Coordinates that are held near zero: markers do not determine the rotation of a straight limb about its long axis.
+# Coordinates that are held near zero, since markers do not determine the rotation of a straight limb about its long
+# axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
 _FREE_WEIGHT: Final = 1e-4  # so small that it does not shift coordinates that markers determine
 

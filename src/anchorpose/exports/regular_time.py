@@ -18,8 +18,8 @@ from anchorpose.joints import LOST
 from anchorpose.results.frame_time import LONGEST_STEP, runs_of
 
 NEAR_SHARE: Final = 0.01
-"""Maximum difference between the time of a sample and a time of the grid at which this sample is used unchanged, as a
-share of the time between frames. At 30 frames per second, this is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+"""Maximum difference between the time of a sample and a grid time for the sample to be used unchanged, as a share of
+the time between frames. At 30 frames per second, it is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
@@ -123,8 +123,9 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """Return the frame rate (Hz) with the fewest decimals on whose grid all samples lie, each sample's index on this
-    grid, and True; if no rate has such a grid, a rounded rate, indices counted by the usual step, and False.
+    """Return the frame rate (Hz) with the fewest decimals for which all samples lie on a grid, each sample's index on
+    this grid, and True. If no rate has such a grid, return a rounded rate, indices counted by the usual step, and
+    False.
     """
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
@@ -199,8 +200,8 @@ few complete frames.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: the first and one past the
-    last frame of each stretch in which all these columns are known.
+    """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: by stretch in which all
+    these columns are known, the index of its first frame, and the index after its last frame.
     """
 
     kept: np.ndarray
@@ -216,9 +217,10 @@ def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretch
 
 
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:
-    """Return the first and one past the last frame of each run of two or more True values in ``whole`` (n,) bool.
+    """Return, for each run of two or more True values in ``whole`` (n,) bool, the index of its first frame and the
+    index after its last frame.
 
-    joined (n - 1,) bool: whether a frame and the next one are neighbours in time; None if all frames are.
+    joined (n - 1,) bool: whether a frame and the next frame are neighbours in time; None if all are.
     """
     return tuple((run.start, run.stop) for run in runs_of(whole, joined) if run.stop - run.start >= 2)
 

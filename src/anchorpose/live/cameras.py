@@ -29,15 +29,13 @@ from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
-"""librealsense's names of the clock domains that give times on the computer's clock, so that an image's age is
-known.
-"""
+"""Clock domains of librealsense that give times on the computer's clock, so that an image's age is known."""
 
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """A started RealSense camera. cameras: only this one; about: see ``LiveSource``; pipeline: the object of
-    pyrealsense2 that delivers its images.
+    """A started RealSense camera. cameras: this camera alone; about: see ``LiveSource``; pipeline: the object of
+    pyrealsense2 that delivers the images.
     """
 
     name: str
@@ -144,8 +142,8 @@ class Orbbec:
     about: Recording | None
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
-    first: bytes  # header of the first image; opening the camera read it to learn the depth scale
-    _asked_s: float = np.inf  # time.monotonic since which the process is waited for; inf otherwise
+    first: bytes  # header of the first image; opening the camera has read it, since it has the depth scale
+    _asked_s: float = np.inf  # when waiting for an image began, by time.monotonic; inf if no image is awaited
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
         """Yield images as ``LiveSource`` requires."""
@@ -209,7 +207,7 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
-    # a file is used, since a process that writes much to standard error would be blocked by a pipe that nobody reads
+    # a file, not a pipe: a pipe that is not read would block a process that writes much to standard error
     errors = TemporaryFile()  # noqa: SIM115 closed by ``Orbbec.images``
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors)
     out = _out(process)
@@ -257,7 +255,9 @@ def _why_ended(process: subprocess.Popen[bytes], errors: IO[bytes]) -> str:
 
 
 LATE_S: Final = 0.25
-"""Maximum age in s of an image that is played; older images are dropped, as a camera overwrites unread images."""
+"""Maximum age in s of an image that is played; older images are dropped, since a camera, too, overwrites images that
+were not read.
+"""
 
 
 class Playback:

@@ -1,4 +1,4 @@
-"""Read running cameras in threads, and join the newest images of all cameras to one set."""
+"""Read running cameras in threads, and combine the newest image of each camera into one set."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index of the camera; number: the source's running number of the image, where lost images
-    are counted, too; time_s: time on the device's clock; taken_s: when the image was taken, by ``time.monotonic``; grey
-    (height, width) uint16, 0 = no reading.
+    """One depth image. camera: index of the camera; number: running number of the image in its source, which also
+    counts lost images; time_s: time on the device's clock; taken_s: when the image was taken, by ``time.monotonic``;
+    grey (height, width) uint16, 0 = no reading.
     """
 
     camera: int
@@ -57,14 +57,14 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-# a receiver of images; it returns the reason if it does not keep an image, else None
+# A receiver of images. It returns the reason if it could not keep an image, else None.
 Taker = Callable[[LiveImage], str | None]
 STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 
 
 class Intake:
-    """The threads that read the sources, one per source. If a source fails, only its thread ends; ``failed`` has a
-    sentence on each failure.
+    """The threads that read the sources, one per source. If a source fails, only its thread ends, and ``failed`` gets a
+    sentence on the failure.
 
     cameras: cameras of all sources, in order; feed: the buffer that gets their images; ``add`` adds a receiver of every
     image, and ``remove`` removes it.
@@ -149,10 +149,10 @@ class Intake:
 
 
 def _require_forward(image: LiveImage, latest_s: float) -> float:
-    """Return the latest time on a camera's clock, which was ``latest_s`` before this image.
+    """Return the latest time on a camera's clock, including this image. latest_s: the latest time before this image.
 
-    Raises AnchorposeError if the clock was set back by more than ``STALL_S``: no image could be used before the clock
-    reaches the earlier time again.
+    Raises AnchorposeError if the clock was set back by more than ``STALL_S``, since images could not be used until the
+    clock reaches ``latest_s`` again.
     """
     if latest_s - image.time_s > STALL_S:
         problem = f"its clock was set back by {latest_s - image.time_s:.0f} s, so later images cannot be put in order"
@@ -163,7 +163,7 @@ def _require_forward(image: LiveImage, latest_s: float) -> float:
 # number of newest images kept per camera; this is enough, since an image of a set is at most one period (time between
 # images) older than its camera's newest image
 KEPT: Final = 4
-SILENT_S: Final = 0.5  # s; the feed does not wait for a camera that has sent no image for this time
+SILENT_S: Final = 0.5  # s; a camera that has sent no image for this time is silent: the feed does not wait for it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,8 +210,8 @@ class Feed:
         self._last: LiveSet | None = None
 
     def use(self, cameras: Sequence[int]) -> None:
-        """Make sets only of the images of these cameras, in this order. Without a call, sets have the images of all
-        cameras.
+        """From now on, make sets of the images of these cameras only, in this order. Before the first call, sets have
+        the images of all cameras.
         """
         with self._changed:
             self._used, self._last = cameras, None
@@ -229,7 +229,7 @@ class Feed:
             self._changed.notify_all()
 
     def take(self, patience_s: float) -> LiveSet | None:
-        """Wait for the newest complete set that is newer than the last one taken, and return it.
+        """Wait for a complete set that is newer than the set taken last; return the newest such set.
 
         Return None if no more images come, or if no set is complete within ``patience_s``.
         """

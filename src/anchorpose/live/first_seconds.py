@@ -1,6 +1,6 @@
 """Record a patient for some seconds, and compute from these first seconds everything that tracking needs.
 
-For a session's first patient this includes the room; for later patients, the room is known already.
+For the first patient of a session, the room is learnt, too; for later patients, the room is already known.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# share of the best frame's score that the initial frame must reach; a lower share permits a later initial frame, so
-# that fewer recorded frames must be tracked before live tracking begins
+# Minimum score of the initial frame, as a share of the best frame's score. A lower share permits a later initial frame,
+# so fewer recorded frames must be tracked before live tracking begins.
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -67,9 +67,9 @@ class LiveOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
     """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
-    session; asked: function that returns, once per choice, the number (``PersonInView``) of a person whom the user
-    chose as the new patient, else None; keep_markers: called if the session is recorded, with the function by which the
-    user's markers are stored in the recording.
+    session; asked: function that returns the number (``PersonInView``) of the person whom the user chose as the new
+    patient, once per choice, else None; keep_markers: function that is called if the session is recorded; its argument
+    is a function that stores a marker of the user in the recording.
     """
 
     say: Say
@@ -101,7 +101,8 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """Record the next seconds into a new recording. whom: words for the recorded person in messages to the user.
+        """Record the next seconds into a new recording. whom: words that stand for the recorded person in messages to
+        the user.
 
         Raises AnchorposeError if the recording cannot be made.
         """
@@ -127,8 +128,8 @@ class FirstSeconds:
                 raise AnchorposeError("Stopped before a patient was found; nothing was written.")
 
     def learn(self, recording: Recording) -> Prepared | None:
-        """Learn the room and the patient's body from the first seconds; None if nobody is found. Raises AnchorposeError
-        if nobody is found and no further seconds can be recorded.
+        """Learn the room and the patient's body from the first seconds; None if no patient is found. Raises
+        AnchorposeError if no patient is found and no further seconds can be recorded.
         """
         inputs, room = new_room(recording, self.options)
         found = self._learn_in(room, inputs)
@@ -142,8 +143,9 @@ class FirstSeconds:
         """Learn, in a known room, the body of the person who is nearest to ``place_xz_m`` in the first frame in which
         any person stands at this place.
 
-        before_xz_m (2,): where the present patient stands, None if unknown. Return None if nobody stands at the place,
-        if this person is the present patient, or if the body learnt from this person is not of a human's height.
+        before_xz_m (2,): where the present patient stands, None if unknown. Return None if no person stands at the
+        place, if this person is the present patient, or if the body learnt from this person does not have a human's
+        height.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -164,8 +166,8 @@ class FirstSeconds:
 
 
 def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
-    """Learn the body of a room's patient. Return None if nobody is found, or if the learnt body does not have a human's
-    height and the user gave no height.
+    """Learn the body of a room's patient. Return None if no patient is found, or if the learnt body does not have a
+    human's height and the user gave no height.
     """
     config = inputs.config
     run = Run(room, config, load_motions(config.motion_file, room.recording.rate_hz, config.motion))
@@ -191,7 +193,7 @@ def known_room(
     recording: Recording, options: LiveOptions, room: Room, place_xz_m: tuple[float, float]
 ) -> tuple[TrackInputs, Room]:
     """In a known room, find another patient, who stands at ``place_xz_m`` in the recording of their first seconds. If
-    nobody is found at this place, the returned room has no initial frames.
+    no person is found at this place, the returned room has no initial frames.
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
@@ -215,10 +217,10 @@ def in_room(folder: Path, room: Room) -> Recording:
     return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
-STEP_S: Final = 0.2  # s, minimum time between two collected sets; patients in a standing frame move little in it
-# s, maximum gap between tracked frames; after a longer gap, another person may stand in the patient's place
+STEP_S: Final = 0.2  # s, minimum time between two collected sets, in which patients in a standing frame move little
+# s, maximum gap between tracked frames, since after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # minimum speed, relative to real time, of tracking collected sets; above 1, the backlog shrinks
+PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
 PATIENCE_S: Final = 0.5
 
 
@@ -230,7 +232,7 @@ class Backlog:
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
         self._feed, self._cameras = feed, cameras
         self._packed: deque[LiveSet] = deque()
-        # when the last set's images were taken, and when ``take`` returned the set
+        # for the last set: when its images were taken, and when ``take`` returned it
         self._last_s, self._taken_at_s = -np.inf, -np.inf
         self._done = Event()
         self._thread = Thread(target=self._collect, daemon=True)

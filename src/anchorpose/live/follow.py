@@ -48,8 +48,8 @@ class LatencyMeter:
         return int(self._counts.sum())
 
     def quantile_s(self, share: float) -> float:
-        """Return a quantile of the latency: the value that the given share of the frames does not exceed, to a
-        millisecond; NaN without frames.
+        """Return a quantile of the latency, exact to a millisecond: the given share of the frames has at most this
+        latency. NaN without frames.
         """
         found = np.searchsorted(np.cumsum(self._counts), share * self.count)
         return float(found) / 1000 if self.count else float("nan")
@@ -73,8 +73,8 @@ ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded 
 @dataclass(slots=True, eq=False)
 class LiveFollower:
     """The tracker of a live patient, which takes image sets in the order of time. blocks: store of tracked frames;
-    with_labels: whether to store person labels, useful only beside a recording of the depth images; patient: number of
-    the patient in the session.
+    with_labels: whether to store person labels, which are of use only with a recording of the depth images; patient:
+    number of the patient in the session.
     """
 
     run: Run
@@ -85,7 +85,7 @@ class LiveFollower:
     with_labels: bool
     latency: LatencyMeter
     patient: int = 1
-    # when images were taken, by frame number, for frames that still wait for later frames (look-ahead)
+    # by frame number, when the images of a frame were taken; only for frames that wait for later frames (look-ahead)
     _taken_s: dict[int, float] = field(default_factory=dict)
     _kept: list[TrackedFrame] = field(default_factory=list)
     _stored: int = 0
@@ -103,7 +103,7 @@ class LiveFollower:
 
     @property
     def patient_xz_m(self) -> np.ndarray | None:
-        """Return where (2,) the patient was last seen; None if the patient is lost."""
+        """Return the place (2,), x and z, at which the patient was last seen; None if the patient is lost."""
         tracker = self.follower.tracker
         return None if tracker is None else tracker.last.belief.pose.root_m[[0, 2]]
 
@@ -117,8 +117,8 @@ class LiveFollower:
         self.store()
 
     def _step(self, frame_set: FrameSet, taken_s: float, live: bool, dropped: int = 0) -> None:
-        """Track a frame, unless its time is not later than the last frame's, as when the last frame of the first
-        seconds comes twice.
+        """Track a frame. A frame that is not later than the last tracked frame is ignored; for example, the last frame
+        of the first seconds may come twice.
 
         Frames have the numbers of the first camera's images, as in a recording of the session. While this camera gives
         no images, the numbers increase by one per frame.

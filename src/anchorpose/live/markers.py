@@ -27,10 +27,10 @@ HEAD: Final = "onset\tduration\ttrial_type"
 
 BEGIN, END, RATING = "begin", "end", "rating"
 LONGEST_TEXT: Final = 200
-SHORTEST_S: Final = 0.001  # s, minimum duration of a trial; two markers sent at once do not form a trial
+SHORTEST_S: Final = 0.001  # s, minimum duration of a trial, so that two markers sent at once do not form a trial
 
 FIND_S: Final = 5.0
-"""Time in s for which a stream is searched on the network."""
+"""Maximum time in s for which the program searches a stream on the network."""
 
 WAIT_S: Final = 0.2
 

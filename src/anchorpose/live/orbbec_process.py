@@ -70,7 +70,7 @@ def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
 
 
 def refuse(sentence: str) -> int:
-    """Print the ``sentence`` that says why no images can be read, and return the exit code 2."""
+    """Print ``sentence``, the reason why no images can be read, and return the exit code 2."""
     print(sentence, file=sys.stderr)
     return 2
 

@@ -58,10 +58,10 @@ class LiveFrame:
     frame: number of the frame; time_s: its time on the first camera's clock; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
     ``JointState``. why_lost: the reason if all joints are lost, else empty. touched: parts of the patient (``REGIONS``)
-    that other people touched in the previous frame, and whether the contact was seen; None if unknown. dropped: number
-    of images that were not tracked since live tracking began. people: all other people in view; patient: number of the
-    patient, which begins with 1 and increases by 1 whenever another person becomes the patient. holding: parts of the
-    patient that touch the equipment, in the form of ``touched``.
+    that other people touched in the previous frame, each with whether the contact was seen; None if contacts are
+    unknown. dropped: number of images that were not tracked since live tracking began. people: all other people in
+    view; patient: number of the patient, which begins with 1 and increases by 1 whenever another person becomes the
+    patient. holding: parts of the patient that touch the equipment, in the form of ``touched``.
     """
 
     frame: int
@@ -115,7 +115,7 @@ class Output(Protocol):
 
 
 def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """Return those values of an estimate (the result of tracking a frame) that outputs send; taken_s: as in
+    """Return the values that outputs send, taken from an estimate (the result of tracking a frame); taken_s: as in
     ``LiveFrame``.
     """
     frame_set = estimate.frame_set
@@ -192,7 +192,7 @@ class LslOutput:
         self._angles.push_sample(angles.ravel().tolist(), stamp)
 
     def close(self) -> None:
-        """Delete the streams' objects, which ends the streams."""
+        """End the streams by deleting their objects."""
         del self._joints, self._angles
 
     def _outlet(self, pylsl: Any, name: str, kind: str, things: tuple[str, ...], parts: Any) -> Any:

@@ -32,10 +32,10 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The state of the patient's standing. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN`` in this frame;
-    upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma: its standard
-    deviation; both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether any joint that
-    determines ``upright`` was not seen; load_inferred: whether any joint that determines the load was not seen.
+    """The patient's posture and load in one frame. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``; upright_s:
+    total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma: its standard deviation;
+    both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether any joint that determines
+    ``upright`` was not seen; load_inferred: whether any joint that determines the load was not seen.
     """
 
     upright: int
@@ -50,8 +50,9 @@ class UprightClock:
     """A clock of upright time that takes frames in order. The clock defines upright as ``anchorpose measure`` does, but
     uses no later frames.
 
-    The leg length that this definition needs is taken from the joints of each frame. Time counts between two upright
-    frames at most half a second apart; in a longer gap, the patient might have sat down and stood up.
+    The leg length that this definition needs is taken from the joints of each frame. The time between two upright
+    frames counts if they are at most half a second apart; in a longer gap, the patient might have sat down and stood
+    up.
     """
 
     def __init__(self, config: UprightConfig) -> None:
@@ -87,10 +88,10 @@ class UprightClock:
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
-SIGN_OF_LIFE_S: Final = 1.0  # s; something is sent at least this often, to show the page that the program still runs
-CLIENT_PATIENCE_S: Final = 5.0  # s; a client that reads nothing for this long is dropped
-# bytes of the socket's buffer, enough for some frames; with a larger buffer, a slow client would get frames seconds
-# late
+SIGN_OF_LIFE_S: Final = 1.0  # s, maximum time between two messages; they show the page that the program still runs
+CLIENT_PATIENCE_S: Final = 5.0  # s, maximum time for which a client reads nothing before it is dropped
+# Size of the socket's buffer in bytes, enough for some frames. With a larger buffer, a slow client would get frames
+# with a delay of seconds.
 BUFFER_BYTES: Final = 32 * 1024
 EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
@@ -98,8 +99,8 @@ EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 class PageOutput:
     """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
 
-    has_markers: whether the page has keys and buttons for conditions and ratings, which only a recording can store.
-    Raises AnchorposeError if the server cannot listen on ``host`` and ``port``.
+    has_markers: whether the page has keys and buttons that set markers (conditions and ratings); only a recording can
+    store markers. Raises AnchorposeError if the server cannot listen on ``host`` and ``port``.
     """
 
     name = "the page"
@@ -127,8 +128,8 @@ class PageOutput:
         self._newest.put_sentence(sentence)
 
     def asked(self) -> int | None:
-        """Return the number (``PersonInView``) of the person whom the user chose as the new patient; the number is
-        returned once, then None.
+        """Return the number (``PersonInView``) of the person whom the user chose as the new patient; later calls return
+        None, until the user chooses again.
         """
         return self._newest.take_asked()
 
@@ -228,7 +229,9 @@ class _Newest:
             self._asked = number
 
     def take_asked(self) -> int | None:
-        """Return the number of the person whom a client chose. Nobody can be chosen again before the next frame."""
+        """Return the number of the person whom a client chose. After this, no person can be chosen before the next
+        frame.
+        """
         with self._changed:
             asked, self._asked = self._asked, None
             if asked is not None:

@@ -33,7 +33,7 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # s, maximum duration of the data that are lost in a power cut
+SYNC_S: Final = 1.0  # s, maximum time between writes to the disk, and so the time that a power cut can erase
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
@@ -53,7 +53,7 @@ class Recorder:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
         self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
-        self._began_s: float | None = None  # the same for the recording's first camera; None until known
+        self._began_s: float | None = None  # when the first camera's first image was taken; None until known
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking = Lock()
         self._write_document()
@@ -85,8 +85,8 @@ class Recorder:
         return None
 
     def mark(self, text: str, at_s: float) -> None:
-        """Write a marker, sent at ``at_s`` by ``time.monotonic``; it is written to the disk at once, or when the first
-        image is recorded.
+        """Write a marker that was sent at ``at_s``, by ``time.monotonic``. A marker that comes before the first image
+        is written with this image, any other marker at once.
         """
         with naming_place(self.folder), self._marking:
             self._waiting.append((plain_text(text), at_s))
@@ -205,7 +205,7 @@ def _finish_camera(folder: Path, camera: Camera) -> bool:
 
 
 def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
-    """Remove all cameras except those named in ``kept`` from a recording's document, and add a note on each removed
+    """Remove all cameras that ``kept`` does not name from a recording's document, and add a note on each removed
     camera.
     """
     found = read_json(document)
@@ -259,7 +259,7 @@ def _remove_without_row(folder: Path) -> None:
             file.unlink()
 
 
-ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; the median of more images is not better
+ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; more images do not improve the median
 REPORT_S: Final = 10.0
 
 
@@ -318,8 +318,8 @@ def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callab
 def _record_empty_room(
     intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
 ) -> None:
-    """Record each camera's median depth image. A pixel of this image has no reading if most images have no reading
-    there.
+    """Record the empty room as each camera's median depth image. A pixel of the median has no reading if most images
+    have no reading there.
     """
     seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
 

@@ -3,8 +3,8 @@ newest frame, and write results.
 
 The first seconds are recorded and analysed like any recording. Images that arrived during this analysis are then
 tracked at a few frames per second, so that the patient is followed without a break. From then on every newest frame is
-tracked, and images that arrive during its processing are dropped. If another person becomes the patient, these phases
-begin again for that person, in the known room.
+tracked, and images that arrive during its processing are dropped. If the user chooses another person as the patient,
+the same phases follow for this person; only the room is known already.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class _Session:
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
-            # a camera that was covered in these seconds is not used after them: the learnt room does not include it
+            # a camera that was covered in these seconds is not used later, since the learnt room does not include it
             self.intake.feed.use(places_of(recording.cameras, [one.camera for one in self.intake.cameras]))
             backlog = Backlog(self.intake.feed, recording.cameras)
             found = self.first_seconds.learn(recording)
@@ -210,8 +210,8 @@ class _Session:
         return new
 
     def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the body of the person at a place. Return None if this fails, even by an error, so that the session
-        continues.
+        """Learn the body of the person at a place. Return None if this fails; errors are caught, too, so that the
+        session continues.
         """
         room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
         try:

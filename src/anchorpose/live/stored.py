@@ -146,7 +146,9 @@ class SessionStore:
 
 @contextmanager
 def on_this_disk() -> Iterator[None]:
-    """Replace the advice in an error about storage: a live session cannot be resumed, but --finish writes results."""
+    """Replace the advice in errors about storage, since a live session cannot be resumed; the new advice is --finish,
+    which writes results.
+    """
     try:
         yield
     except InputError as error:

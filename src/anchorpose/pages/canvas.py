@@ -81,14 +81,14 @@ def enlarge(picture: np.ndarray, scale: int) -> np.ndarray:
 
 
 def projector(camera: Camera, scale: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function from world points (n, 3) to pixels (n, 2) of the enlarged picture; its result is NaN for points
-    that are NaN, behind the camera or far outside the image.
+    """Return a function that converts world points (n, 3) to pixels (n, 2) of the enlarged picture. Its result is NaN
+    for points that are NaN, behind the camera or far outside the image.
     """
     T_camera_world = invert_rigid(camera.require_pose())
 
     def to_pixel(points_m: np.ndarray) -> np.ndarray:
         pixels = camera.project(transform_points(T_camera_world, np.asarray(points_m, dtype=np.float64)))
-        # a point far outside counts as unknown: OpenCV's fixed-point coordinates would overflow
+        # a point far outside counts as unknown, since OpenCV's fixed-point coordinates would overflow
         pixels[(np.abs(pixels) > 10 * max(camera.width, camera.height)).any(axis=1)] = np.nan
         return (pixels + 0.5) * scale - 0.5
 

@@ -60,8 +60,8 @@ def draw_foreground(one: InspectedCamera) -> np.ndarray:
 
 
 def draw_equipment(one: InspectedCamera) -> np.ndarray | None:
-    """Draw where the equipment is expected, which pixels were removed as equipment, and where equipment hides the
-    surfaces behind; None without equipment.
+    """Draw where the equipment is expected, which pixels were removed as equipment, and where equipment hides surfaces
+    behind it; None without equipment.
     """
     expected = one.scene.equipment
     if expected is None:
@@ -87,8 +87,9 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """Turn ``draw``, a function that draws nodes of the patient's surface, into one that draws a camera's picture.
-    ``draw`` gets the mask ``own`` of the nodes that the camera saw; if the camera saw no node, the picture is None.
+    """Return a function that draws a camera's picture by ``draw``, a function that draws nodes of the patient's
+    surface. ``draw`` gets the mask ``own`` of the nodes that the camera saw; if the camera saw no node, the picture is
+    None.
     """
 
     @wraps(draw)
@@ -163,8 +164,8 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw, for each node, how many hypotheses matched the node with a node of the next frame's surface. There is one
-    hypothesis for each subset of the anchors (head, hands, feet). The result is None without a next frame.
+    """Draw, for each node, how many hypotheses matched the node with a node of the next frame's surface. A node has one
+    hypothesis per subset of the anchors (head, hands, feet). The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None
@@ -178,8 +179,8 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw where each place on the skin moves, according to the best branch of the track tree; None without a next
-    frame.
+    """Draw, as arrows, the movement of places on the skin according to the best branch of the track tree, and crosses
+    at nodes without a match; None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None

@@ -33,7 +33,9 @@ INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as shown on the page. pictures: PNG files by camera; missing: why there is no picture, else empty."""
+    """A stage as shown on the page. pictures: PNG files by camera; missing: the reason if no camera has a picture, else
+    empty.
+    """
 
     stage: Stage
     caption: str
@@ -74,8 +76,8 @@ def write_inspection(
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
     """The description of a stage. draw: function that draws one camera's picture, or returns None if nothing is to be
-    drawn. caption: a text in which ``{next_frame}`` (the next frame's number) and ``{rooms}`` (the source of each
-    camera's empty room) are filled in. legend: (colour, meaning) of each colour. missing: the text if no camera has a
+    drawn. caption: a text with the placeholders ``{next_frame}`` (the next frame's number) and ``{rooms}`` (the source
+    of each camera's empty room). legend: (colour, meaning) of each colour. missing: the text if no camera has a
     picture.
     """
 

@@ -58,8 +58,8 @@ _LABEL_TINT: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OverlayScene:
-    """One camera's depth image and what to draw over it; a field that is None is not drawn. All points are in the
-    world.
+    """One camera's depth image and the results to draw over it; a field that is None is not drawn. All points are in
+    the world.
 
     depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3): points of the
     mesh; mesh_edges (m, 2): pairs of indices of these points; anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN
@@ -198,8 +198,8 @@ class ChosenFrame:
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
     """Choose the frames for the report's pictures; return each frame once, in the order of time.
 
-    segmented (n,) bool: True for frames with person labels; only such frames, if the patient is found in them, can be
-    the most or the least certain frame.
+    segmented (n,) bool: True for frames with person labels; the most and the least certain frame are chosen among these
+    frames, if the patient is found in them.
     """
     why = dict.fromkeys(np.unique(np.linspace(0, len(joints.frame) - 1, SPREAD).astype(int)).tolist(), "")
     transitions = [episode for episode in episodes if episode.kind in _WORDS][:TRANSITIONS]
@@ -262,8 +262,8 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
 def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether the stream has it.
 
-    A live session may have recorded only its start. A camera that was silent may continue its numbers from an earlier
-    one, so the times must agree, too.
+    A live session may have recorded only its start. A camera that was silent may continue with numbers that were used
+    before, so the times must agree, too.
     """
     position = np.searchsorted(stream.frame, joints.frame).clip(max=len(stream.frame) - 1)
     apart_s = np.abs(stream.time_s[position] - joints.time_s)

@@ -17,7 +17,7 @@ from anchorpose.recording.equipment import EquipmentModel, EquipmentPart
 COLOUR_STRENGTH: Final = 0.7
 """Share of the colour in a tinted pixel; the remaining share is the grey of the depth image, which shows the shape."""
 
-HATCH_PX: Final = 14  # px between two stripes
+HATCH_PX: Final = 14  # px, distance between two stripes
 ARROW_TIP: Final = 0.35  # length of an arrow's tip as a share of the arrow
 
 

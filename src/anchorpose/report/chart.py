@@ -1,7 +1,7 @@
-"""Build a chart: rows (one picture each) over a common time axis, values that a slider shows, and these values as CSV.
+"""Build a chart: rows of pictures over a common time axis, the values that a slider shows, and these values as CSV.
 
-Rows are stretched to the available width while lines and letters keep their size (see ``templates/parts.html``). So one
-markup serves a phone, a screen and paper, without a script.
+The page stretches rows to the available width, while lines and letters keep their size (see ``templates/parts.html``).
+So the same HTML serves a phone, a screen and paper, without a script.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from anchorpose.report.words import number
 
 MOST_BINS: Final = 600
-"""Maximum number of groups of frames in a chart, which draws each group as one point. With so many groups, a group is
-about one and a half pixels wide on a page, and a third of a millimetre on paper.
+"""Maximum number of groups of frames in a chart; each group is drawn as one point. With this number of groups, a group
+is about one and a half pixels wide on a page, and a third of a millimetre on paper.
 """
 
 PAUSE: Final = 3.0
-"""An interval between two frames that is longer than this many median intervals is a pause; no line is drawn across a
-pause.
+"""Maximum interval between two frames, in median intervals. A longer interval is a pause, across which no line is
+drawn.
 """
 
 
@@ -65,7 +65,9 @@ class Bins:
         return self.place_of(middle)
 
     def place_of(self, time_s: np.ndarray) -> np.ndarray:
-        """Return the place of each time on the time axis: 0 is the first frame, 1 the last; 0.5 for a single frame."""
+        """Return the place of each time on the time axis: 0 = first frame, 1 = last frame; 0.5 if only one frame
+        exists.
+        """
         span = self.time_s[-1] - self.time_s[0]
         return (time_s - self.time_s[0]) / span if span > 0 else np.full(np.shape(time_s), 0.5)
 
@@ -83,8 +85,8 @@ class Envelope:
 
 
 def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int = MOST_BINS) -> Bins:
-    """Divide the frames into at most ``most`` groups of equal size, with one frame per group where there are few enough
-    frames.
+    """Divide the frames into at most ``most`` groups of equal size. With at most ``most`` frames, each frame is a
+    group.
     """
     count = min(len(frame), most)
     start = np.arange(count) * len(frame) // count
@@ -144,8 +146,8 @@ class Axis:
 def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
     """Make an axis whose range covers all values.
 
-    The range also covers the uncertainty bands, but a wide band is cut off where the values would otherwise fill less
-    than half of the axis's height and look flat. values, bands: (lowest, highest) pairs of arrays, NaN where unknown.
+    The range also covers the uncertainty bands. But a wide band is cut off if the values would otherwise fill less than
+    half of the axis's height and look flat. values, bands: (lowest, highest) pairs of arrays, NaN where unknown.
     least_span: minimum range of the axis, so that noise is not magnified.
     """
     low, high = _extremes(values)
@@ -163,8 +165,8 @@ def make_axis(values: Spans, bands: Spans, least_span: float) -> Axis:
 
 
 def round_step(least: float) -> float:
-    """Return the smallest number that is at least ``least``, out of 1, 2, 5, 10, ... and their tenths, hundredths and
-    so on.
+    """Return the smallest round number that is at least ``least``; round numbers are 1, 2, 5, 10, ..., and also their
+    tenths, hundredths and so on.
     """
     power = 10.0 ** math.floor(math.log10(least))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
@@ -229,8 +231,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The values of a curve or row that the slider shows: one column of text, or, if they are numbers, columns with the
-    lowest and highest value, sigma and state. A column that the curve or row does not have is None.
+    """The values of a curve or row that the slider shows. Texts are one column; numbers have columns for the lowest and
+    highest value, sigma and state. Columns that the curve or row does not have are None.
     """
 
     label: str

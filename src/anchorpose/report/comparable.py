@@ -1,9 +1,9 @@
 """Decide which sessions may be compared, and list the differences between them that a reader must know.
 
-Some measures grow when the recording is longer, or when the posture is known for a longer part of it: time upright, how
-often the patient stood up, the longest time upright, the path of the sway. Between sessions of different lengths, a
-change of a measure that grows says nothing about the patient, so the change is shown but not tested. Shares, means,
-speeds and percentiles do not grow.
+Some measures grow when the recording is longer, or when the posture is known for a longer part of it: for example time
+upright, number of rises, longest time upright, path of the sway. Between sessions of different lengths, a change of
+such a measure says nothing about the patient, so it is shown but not tested. Shares, means, speeds and percentiles do
+not grow with time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SWAY: Final = ("sway_path", "sway_path_noise")
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the patient's best attempt
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # its unit is a count, but a mean does not grow with time
+_AVERAGED: Final = ("hands_on_at_once_mean",)  # unit: a count, but a mean does not grow with time
 
 _EXTREMES: Final = (
     "_shortest",
@@ -39,7 +39,7 @@ _EXTREMES: Final = (
     "_most",
     "_largest",
     "_range",
-)  # name endings of measures that are an extreme of all repetitions: the more repetitions, the more extreme
+)  # endings of the names of measures that are an extreme of all repetitions: more repetitions give a more extreme value
 
 
 class Span(NamedTuple):
@@ -57,7 +57,8 @@ def grows_with_time(measure: Measure) -> bool:
 
 
 def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Return why a change of this measure between two sessions (or conditions) is not tested; None if it is tested.
+    """Return the reason why a change of this measure between two sessions (or conditions) is not tested; None if it is
+    tested.
 
     first, later: all measures of either session or condition. A measure that grows with time is not tested if the
     recorded times, or the times with known posture, differ or are unknown.
@@ -144,7 +145,7 @@ def _full_stop(sentence: str) -> str:
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
-    """Return how the definitions of two sessions' measures differ; None if the definitions are equal."""
+    """Return a text on how the definitions of two sessions' measures differ; None if the definitions are equal."""
     old, new = first.definition, later.definition
     if old is None or new is None:
         return "one of them does not state how it was computed"

@@ -1,5 +1,5 @@
-"""Write comparison.html: several sessions of one patient side by side, and which changes exceed the errors of
-measurement.
+"""Write comparison.html, which shows several sessions of one patient side by side, and states which changes exceed the
+errors of measurement.
 
 A change from a to b exceeds the errors if |b - a| is larger than the smallest detectable change, 1.96 sqrt(sigma_a^2 +
 sigma_b^2) (Weir 2005, doi:10.1519/15184.1). If errors of measurement are normally distributed and independent between
@@ -127,8 +127,8 @@ class Change:
 
 def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
     """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
-    detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless these two sessions
-    state larger errors.
+    detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless the limit from the
+    two sigmas is larger.
 
     Raises ValueError for different measures or units.
     """
@@ -205,8 +205,8 @@ def _value(measure: Measure | None) -> Markup:
 
 
 def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
-    """Return the table cell of a change. unlike: why the change is shown but not tested; None if it is tested.
-    repeated: as in ``change_between``.
+    """Return the table cell of a change. unlike: the reason why the change is shown but not tested; None if it is
+    tested. repeated: as in ``change_between``.
     """
     limit = repeated if later is not None and later.part is None else None
     change = None if first is None or later is None else change_between(first, later, limit)

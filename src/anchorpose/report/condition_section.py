@@ -29,7 +29,7 @@ from anchorpose.results.trial_table import TRIALS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Times that measure how much was recorded, not what the patient did; they are not compared."""
+"""Measures that are not compared between conditions: times that depend on the recording, not on the patient."""
 
 CURVES: Final = (
     "upright_share",
@@ -49,9 +49,9 @@ DESIGNS: Final = {
 
 
 class ConditionRow(NamedTuple):
-    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, the
-    condition's difference from the reference condition, and the verdict: whether the trials demonstrate the difference,
-    or why not.
+    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, and the
+    difference from the reference condition. The verdict states whether the trials demonstrate this difference, or why
+    they do not.
     """
 
     condition: str
@@ -146,8 +146,8 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
 
 
 def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
-    """Return, by condition, why a measure that grows with time is not tested: the trials that have a value differ in
-    duration, or the condition's mean time with known posture differs from the reference condition's.
+    """Return, by condition, the reason why a measure that grows with time is not tested: its trials with a value differ
+    in duration, or its mean time with known posture differs from that of the reference condition.
     """
     known = {row.trial for row in rows if row.value is not None}
     lasting = [trial.duration_s for trial in trials.rows if trial.number in known]

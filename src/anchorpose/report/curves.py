@@ -3,8 +3,9 @@
 A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
 the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96 sigma. Where a group of
 frames is drawn as one point, the line runs midway between the group's lowest and highest value, and a darker band
-reaches from the lowest to the highest value. Below the picture, each curve has a row of columns, of half height where
-the curve was inferred and of full height where it is lost. No information depends on colour alone.
+reaches from the lowest to the highest value. Below the picture, each curve has a row of columns: a column of half
+height means that the curve was inferred, a column of full height that it is lost. No information depends on colour
+alone.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
     """Return the curve's values for the slider. with_state: whether to include sigma and state. The x, y and z curves
-    of a joint's path have the same sigma and state, so only one of the three curves includes sigma and state.
+    of a joint's path share sigma and state, so only one of the three includes them.
     """
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
@@ -123,7 +124,9 @@ def _shapes(
 
 
 def end_marks(sides: Sequence[str], lines: Sequence[Envelope], axis: Axis, height: int) -> tuple[Mark, ...]:
-    """Return the letters L and R, each beside the last value of its curve, pushed apart where they would overlap."""
+    """Return the letters L and R, each beside the last value of its curve. Letters that would overlap are moved
+    apart.
+    """
     known = [(side, line.high[np.isfinite(line.high)]) for side, line in zip(sides, lines, strict=True)]
     places = sorted((float(axis.down(values[-1:])[0]) / UNITS, side) for side, values in known if len(values))
     if len(places) == 2 and places[1][0] - places[0][0] < LETTER_PX / height:
@@ -165,8 +168,8 @@ def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
 
 
 def step_path(level: np.ndarray, bins: Bins) -> str:
-    """Return the SVG path of columns, each as wide as its group; ``level`` (b,): share of the height, where 0 draws
-    nothing.
+    """Return an SVG path with one column per group, as wide as the group; ``level`` (b,): the columns' heights as
+    shares of the full height; 0 draws nothing.
     """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
     middle = (place[1:] + place[:-1]) / 2.0  # columns of neighbouring groups meet midway, except beside a pause

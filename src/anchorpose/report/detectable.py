@@ -10,8 +10,8 @@ from anchorpose.errors import InputError
 from anchorpose.recording.document import read_rows, require_distinct
 
 Detectable = dict[tuple[str, str | None, str], float]
-"""The minimal detectable change by measure, side and unit: errors and day-to-day variation alone cause a larger change
-only 5 times in 100.
+"""The minimal detectable change (MDC95) by measure, side and unit. Errors of measurement and day-to-day variation alone
+cause a larger change only 5 times in 100.
 """
 
 RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")

@@ -31,8 +31,8 @@ class Figure:
 
 
 class KeptFrame(NamedTuple):
-    """A frame that is shown as pictures: why it was chosen, how many joints were seen in it, and each camera's
-    picture.
+    """A frame that is shown as pictures: the reason why it was chosen, the number of joints seen in it, and each
+    camera's picture.
     """
 
     frame: int

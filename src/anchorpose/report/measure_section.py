@@ -1,5 +1,5 @@
-"""Write the measures of stand training as tables: value, uncertainty, and the share of frames with inferred joints; or
-the reason why a value is missing.
+"""Write the measures of stand training as tables. Each row states value, uncertainty and the share of frames with
+inferred joints, or the reason why the value is missing.
 
 Title and meaning of each measure are in measures.csv. docs/measures.md describes the measures at length, with
 thresholds and sources.
@@ -35,7 +35,7 @@ GROUPS: Final = {heading: [row["measure"] for row in rows] for heading, rows in 
 """Heading of each table, and the names of its measures."""
 
 PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(row["printed"] or 0)) if row["printed"]]
-"""Names of the main measures, which are printed in this order; measures.parquet has all measures."""
+"""Names of the main measures in the order in which they are printed; measures.parquet has all measures."""
 
 OTHERS: Final = "Other measures"
 
@@ -93,7 +93,8 @@ class MeasureGroup(NamedTuple):
 
 class MeasureSection(NamedTuple):
     """The content of the section on measures. whole: measures about the session or a part of the body; detail: measures
-    about single persons who touched the patient, and numbers of contacts of each part; words: what the measures mean.
+    about single persons who touched the patient, and numbers of contacts of each part; words: the usual names and
+    explanations of the measures.
     """
 
     whole: list[MeasureGroup]
@@ -171,8 +172,8 @@ def _row(entry: Sequence[Measure]) -> MeasureRow:
 
 
 def value_and_error(measure: Measure) -> Markup:
-    """Return the text of a measure's value with 1.96 times its sigma; a sigma of 0 is left out, since no value is
-    without error.
+    """Return the text of a measure's value with 1.96 times its sigma. A sigma of 0 is not printed, since every value
+    has an error.
     """
     form = value_form(measure)
     value = figure(measure.value, form)
@@ -194,7 +195,7 @@ ROUNDING_S: Final = 0.001  # s; a shorter time of unknown posture, or without th
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:
     """Return a row per printed measure: title, value with its error, share of frames with inferred joints, and the
-    reason if there is no value.
+    reason if the value is missing.
     """
     rows, lower_bounds = [], _lower_bounds(measures)
     for name in PRINTED:

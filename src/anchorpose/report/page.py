@@ -1,4 +1,4 @@
-"""Write report.html, a single page without other files, from the tables, run.json and pictures of a results folder."""
+"""Write report.html from the tables, run.json and pictures of a results folder. The page needs no other files."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ run.json.
 """
 
 
-# px; the page mentions patches of pixels with a common depth error if the patches are at least this wide; in smaller
-# patches, the errors of neighbouring pixels are almost independent
+# px; minimum width of patches of pixels with a common depth error that the page mentions; in smaller patches, the
+# errors of neighbouring pixels are almost independent
 ALIKE_PX: Final = 1.5
 
 
@@ -158,8 +158,9 @@ def _position(camera: dict[str, Any]) -> str:
 
 
 def _depth(camera: dict[str, Any]) -> str:
-    """Describe a camera's depth: at 2.5 m, where patients stand, its noise and the step between two successive depth
-    values; and over how many pixels it blurs an edge in depth. Results of older versions lack these values.
+    """Describe a camera's depth in words: its noise, and the step between two successive depth values, both at 2.5 m,
+    where patients stand; and the width in pixels over which an edge in depth is blurred. Results of older versions lack
+    these values.
     """
     depth = camera.get("depth")
     if depth is None:

@@ -21,8 +21,8 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """All trials with the same value of a parameter: that value, the number of trials, the measure's mean over these
-    trials, and half the width of the mean's 95 % interval (NaN: unknown).
+    """The trials with the same value of a parameter: this value, their number, the measure's mean over them, and half
+    the width of the mean's 95 % interval (NaN if unknown).
     """
 
     at: float
@@ -34,10 +34,10 @@ class Level(NamedTuple):
 def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float) -> list[Level]:
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
-    at, value, sigma (n,): of each trial the parameter, the measure's value and its sigma, NaN where unknown. share: the
-    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials, which is never taken
-    to be smaller than their random errors; for a single trial it covers only the random error. The systematic error,
-    which would shift all levels alike, is left out.
+    at, value, sigma (n,): the parameter, the measure's value and its sigma in each trial, NaN where unknown. share: the
+    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials or, if this is
+    larger, their random errors. For a single trial, it covers only the random error. The systematic error is left out,
+    since it shifts all levels alike.
     """
     return [
         _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)

@@ -1,4 +1,4 @@
-"""Read all tables of a results folder for the report, or state in one sentence what is missing."""
+"""Read all tables of a results folder for the report. If a table is missing, the error states this in one sentence."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ class Session:
     """All tables of a results folder.
 
     name: name of the session on a page with several sessions, else empty. run: the content of run.json without the
-    hashes of the inputs. inputs: these hashes, as (file, (hash,)), with one hash for all images of a camera.
-    definition: how the measures were computed, None if their file does not state it. posture_seen (n,) bool: whether
-    all joints that determine posture were seen; this differs from the state codes in posture.parquet, which are about
-    all joints that determine the centre of mass. contacts: None if the folder has no table of contacts; it is then
-    unknown whether the patient was touched. explained: the table of how well each pose fits the depth images of its
-    frame, None if the folder lacks it. bins: how frames are grouped in all charts. trials: None for results without
-    trials. trial_measures: measures of all trials, then of all conditions.
+    hashes of the inputs. inputs: the hashes of the inputs, as (file, (hash,)), with one hash for all images of a
+    camera. definition: the definition by which the measures were computed, None if their file does not state it.
+    posture_seen (n,) bool: whether all joints that determine posture were seen; this differs from the state codes in
+    posture.parquet, which are about all joints that determine the centre of mass. contacts: None if the folder has no
+    table of contacts; it is then unknown whether the patient was touched. explained: the table of how well each pose
+    fits the depth images of its frame, None if the folder lacks it. bins: how frames are grouped in all charts. trials:
+    None for results without trials. trial_measures: measures of all trials, then of all conditions.
     """
 
     folder: Path
@@ -91,8 +91,8 @@ class Session:
 def read_session(folder: Path, name: str = "") -> Session:
     """Read all tables of a results folder.
 
-    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or has frames
-    other than those of the table of joints.
+    Raises InputError if a table is missing (except contacts and explained), is damaged, was replaced, or does not have
+    the same frames as the table of joints.
     """
     run = read_run(folder / RUN_FILE)
     for file in MEASURED:

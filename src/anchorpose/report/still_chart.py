@@ -18,7 +18,7 @@ from anchorpose.report.curves import end_marks
 
 HEIGHT: Final = 170
 MARGIN: Final = 0.06
-"""Share of the width left free at either end, so that no point lies on the border."""
+"""Share of the chart's width that stays empty at each end, so that no point lies on the border."""
 
 APART: Final = 6
 """Distance between left and right points of the same x, in units (``UNITS`` per width), so that both are visible."""
@@ -38,7 +38,9 @@ class Points:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A line of one side through x (k,), y (k,); low, high (k,): edges of its uncertainty band, NaN where none."""
+    """A line of one side through x (k,), y (k,); low, high (k,): edges of its uncertainty band, NaN where it has no
+    band.
+    """
 
     side: str
     x: np.ndarray

@@ -1,4 +1,6 @@
-"""Write in plain words what was recorded, how good the data are, and which moments to check, from the tables."""
+"""Write a summary in plain words, from the tables: what was recorded, how good the data are, and which moments to
+check.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +40,14 @@ patient was in plain view.
 """
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
-"""Limits of the share of lost joint positions. Above the first limit, the verdict begins with the loss; above the
-second, it states that most positions are lost.
+"""Limits of the share of lost joint positions. Above the first limit, the verdict on the data begins with the lost
+positions. Above the second limit, it states that most positions are lost.
 """
 
 
 def summary(session: Session) -> list[Markup]:
     """Return paragraphs: what was recorded, what the patient did, how reliable the joints are."""
-    if session.joints.lost.all():  # in this case it is unknown what the patient did
+    if session.joints.lost.all():  # then it is unknown what the patient did
         return [_recorded(session), NEVER_FOUND]
     return [_recorded(session), Markup(" ").join([_posture(session), _touch(session)]), _quality(session)]
 
@@ -68,7 +70,7 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration in s as the measures define it: the last frame counts as long as a usual frame."""
+    """Return the duration in s as the measures define it, in which the last frame lasts as long as a usual frame."""
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
@@ -147,7 +149,7 @@ def _rested(contacts: Sequence[Contact]) -> Markup:
 
 
 def _touched_by(contacts: Sequence[Contact], everywhere: bool) -> Markup:
-    """Return who touched the patient. everywhere: whether the patient was found in all frames."""
+    """Return a text on who touched the patient. everywhere: whether the patient was found in all frames."""
     people, parts = len({c.person for c in contacts}), len({c.part for c in contacts})
     again = "" if everywhere else ", and so is everybody after the patient was lost"
     return Markup(

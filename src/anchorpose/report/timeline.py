@@ -1,7 +1,7 @@
 """Draw the session over time: trials, posture, contacts, visibility and sigma of joints, frames with problems.
 
 A contact is a light column from its beginning to its end. The column is dark up to the share of the touching skin that
-was seen. This share is one number per contact, since the tables do not state which moments were seen.
+was seen. Each contact has only one such share, since the tables do not state at which moments it was seen.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def _trial_files(session: Session) -> tuple[str, ...]:
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
-    """Return the names of those tables of posture and contacts that exist."""
+    """Return the names of the existing tables of posture and contacts."""
     return (POSTURE_FILE, EPISODES_FILE, *(() if session.contacts is None else (CONTACTS_FILE,)))
 
 
@@ -155,8 +155,8 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
 
 def matched_percent(session: Session) -> np.ndarray | None:
     """Return (n,) the percentage of the followed surface points that were matched in the next frame, NaN where no point
-    was followed (``association.matched_share`` in run.json). Return None if run.json does not state this for every
-    frame.
+    was followed (``association.matched_share`` in run.json). Return None unless run.json states the percentage for
+    every frame.
     """
     shares = session.run.get("association", {}).get("matched_share", [])
     if len(shares) != len(session.joints.frame):
@@ -243,8 +243,8 @@ def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """Return a row of columns. levels: for each CSS class of columns, given as a keyword with ``_`` in place of a
-    space, the columns' heights (b,), 0 to 1.
+    """Return a row of columns. levels: the columns' heights (b,), 0 to 1, by the CSS classes of the columns; each
+    keyword is the classes with ``_`` in place of a space.
     """
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
@@ -272,8 +272,8 @@ def posture_rows(session: Session) -> list[Row]:
     """Return the rows of posture, transitions and events.
 
     A column of full height means upright, a column of half height unknown posture; no column is drawn where the patient
-    is not upright. A column is dark only if the joints that determine posture were seen in all upright frames of its
-    group, else light.
+    is not upright. A column is dark if the joints that determine posture were seen in all upright frames of its group,
+    else light.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
@@ -310,7 +310,7 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return how far an event went (``Episode.depth``), with 1.96 times its sigma."""
+    """Return the depth of an event (``Episode.depth``) as text, with 1.96 times its sigma."""
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)

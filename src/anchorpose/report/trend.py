@@ -2,8 +2,9 @@
 reason why no line is fitted.
 
 The line is fitted by ordinary least squares over time. Each session is one observation, and sessions are assumed to
-scatter independently about the line. The scatter is never taken to be smaller than the stated errors of measurement, so
-the band is never narrower than these errors, even if three sessions happen to lie on a line.
+scatter independently about the line. If the observed scatter is smaller than the stated errors of measurement, these
+errors are used in its place. So the band is never narrower than the errors, even if three sessions happen to lie on a
+line.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
-    """Parse the dates of the sessions; None without dates. Raises InputError unless there is one valid date per
-    session, in the order of time.
+    """Parse the dates of the sessions; None without dates. Raises InputError unless each session has a valid date, in
+    the order of time.
     """
     if not texts:
         return None
@@ -94,7 +95,7 @@ class Fit:
 
 def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     """Fit a line by least squares. x, y (n,): at least 3 sessions, not all at the same x. sigma (n,): standard
-    deviation of each y, NaN where none is stated; if one is NaN, only the sessions' scatter determines the band.
+    deviation of each y, NaN if not stated; if any is NaN, only the sessions' scatter determines the band.
     """
     count, middle = len(x), float(x.mean())
     squares = float(np.sum((x - middle) ** 2))
@@ -128,7 +129,7 @@ class TrendSection(NamedTuple):
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
     """Return the trends of the main measures, in the order of ``PRINTED``. dates: None if they are unknown. detectable:
-    minimal detectable changes; a change over the whole time that is smaller is not called a trend.
+    minimal detectable changes; a smaller change over the whole time is not called a trend.
     """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
@@ -272,7 +273,7 @@ APART: Final = 0.12
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """Return those dates that can be written with enough space between them, each with its share of the width."""
+    """Return the dates that can be written without overlap, each with its place as a share of the width."""
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

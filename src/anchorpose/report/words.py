@@ -34,7 +34,7 @@ _SIDED: Final = re.compile(r"(.*)_(left|right)$")
 
 
 def spaced(name: str) -> str:
-    """Write ``hip_flexion`` and ``SpineBase`` as people do: hip flexion, spine base."""
+    """Return a name as readable words: ``hip_flexion`` gives hip flexion, ``SpineBase`` gives spine base."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).replace("_", " ").lower()
 
 
@@ -47,14 +47,14 @@ def split_side(name: str) -> tuple[str, str | None]:
 
 
 def named_part(part: str) -> str:
-    """Write ``knee_left`` as left knee."""
+    """Return the name of a body part as readable words: ``knee_left`` gives left knee."""
     base, side = split_side(part)
     return f"{side} {spaced(base)}" if side else spaced(base)
 
 
 def decimals_for(uncertainty: float | None, value: float) -> int:
-    """Return the digits after the point: as many as the uncertainty justifies, or three significant digits without an
-    uncertainty.
+    """Return the number of digits after the decimal point that the uncertainty justifies. Without an uncertainty, the
+    number has three significant digits.
 
     An uncertainty whose first three digits are 100 to 354 is written with two digits, any other uncertainty with one
     (the rule of the Particle Data Group, doi:10.1103/PhysRevD.110.030001, section 5.3 of its introduction).
@@ -68,7 +68,9 @@ def decimals_for(uncertainty: float | None, value: float) -> int:
 
 
 def number(value: float, decimals: int) -> str:
-    """Format a number with narrow spaces between thousands and U+2212 as the minus sign; never a negative zero."""
+    """Format a number with narrow spaces between thousands and U+2212 as the minus sign. A negative zero is written as
+    0.
+    """
     text = f"{value:,.{decimals}f}".replace(",", "\u202f")
     return text.lstrip("-") if not text.strip("-0.\u202f") else text.replace("-", "\u2212")
 
@@ -79,7 +81,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
-    """Format a count: 1 frame, 2 frames."""
+    """Format a count with its noun, as in "1 frame" and "2 frames"."""
     return f"{number(count, 0)} {one if count == 1 else many or one + 's'}"
 
 

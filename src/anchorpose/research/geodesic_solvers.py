@@ -25,7 +25,7 @@ from anchorpose.surface.links import links, pieces, straight_m
 from anchorpose.surface.mesh import faces, grid_edges
 from anchorpose.surface.surface import Surface
 
-LONGEST_M: Final = 1e6  # m; a greater number from a solver means that no path leads to the node
+LONGEST_M: Final = 1e6  # m, maximum distance; a solver returns a greater number for a node to which no path leads
 
 
 class Solver(StrEnum):
@@ -116,7 +116,7 @@ def _heat(vertices_m: np.ndarray, faces: np.ndarray) -> Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """The surface as triangles alone, which are connected only where they share a side.
+    """The triangles of a surface, which are connected only where they share a side.
 
     A node whose triangles share only this corner becomes several vertices, since solvers need a manifold mesh.
     """

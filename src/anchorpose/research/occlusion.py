@@ -1,4 +1,4 @@
-"""Compute which geodesic distances from a node an occlusion distorts (paper, Definitions 4 and 5).
+"""Compute which of the geodesic distances from a node are distorted by an occlusion (paper, Definitions 4 and 5).
 
 The occlusion O is a set of nodes removed from the whole surface; the rest is the seen surface. The distance between two
 nodes is distorted if it is longer on the seen surface than on the whole surface. docs/occlusion.md states which of the
@@ -18,7 +18,7 @@ from anchorpose.surface.mesh import edges, faces, keep_nodes
 from anchorpose.surface.surface import Surface
 
 TOLERANCE_M: Final = 1e-4
-"""Maximum change of a distance, in metres, that counts as undistorted with the exact solver.
+"""Maximum change of a distance, in metres, with which the distance counts as undistorted, for the exact solver.
 
 The tolerance covers rounding, and grid cells at the rim that are cut along one diagonal on the whole surface, and along
 the other diagonal on the seen surface. A larger tolerance would count nodes around a corner as undistorted, since a
@@ -88,7 +88,7 @@ class Light:
 def occlude(
     whole: Surface, hidden: np.ndarray, solver: Solver = Solver.EXACT, tolerance_m: float = TOLERANCE_M
 ) -> Occlusion:
-    """Remove the hidden nodes (n,) bool from a surface.
+    """Return the occlusion of a surface by removing its ``hidden`` nodes (n,) bool.
 
     Raises ValueError if ``hidden`` has another shape, or hides no node or every node.
     """
@@ -120,8 +120,8 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
     """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
     If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
-    least one of the nodes of ``lights``. If the result is false, all distances of nodes just outside an uncovered edge
-    are distorted.
+    least one of the nodes of ``lights``. If the result is false, an edge is not covered; all distances of nodes just
+    outside this edge are distorted.
     """
     if not lights:
         return False

@@ -1,7 +1,7 @@
 """Define the body's angles (names, the joints they are computed from, formulas) and the axes of its segments.
 
-Arrays of vectors have the components on the first axis, (3, ...): numpy is then several times as fast as with the
-components on the last axis. A segment's axes are x forward, y up, z to the patient's right (ISB).
+Arrays of vectors have the components x, y, z on the first axis, (3, ...). With this layout, numpy is several times as
+fast as with the components on the last axis. A segment's axes are x forward, y up, z to the patient's right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
 (doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth images do not show the bony landmarks that these papers
@@ -36,13 +36,13 @@ def length(vector: np.ndarray) -> np.ndarray:
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """Return the vectors (3, ...), scaled to length one; NaN where the vector has length zero."""
+    """Scale vectors (3, ...) to length one. The result is NaN where a vector has length zero."""
     return rotations.unit(vector, axis=0)
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the unit vector (3, ...) along the part of ``vector`` that is perpendicular to the unit vector
-    ``axis``.
+    """Remove from ``vector`` its component along the unit vector ``axis``; return the rest (3, ...), scaled to length
+    one.
     """
     return unit(vector - dot(vector, axis) * axis)
 
@@ -56,16 +56,16 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """Return the arcsine (...) of ``sine``, which rounding may have moved beyond -1 or 1."""
+    """Return the arcsine (...) of ``sine``. Values that rounding has moved beyond -1 or 1 count as -1 or 1."""
     angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
     return angle
 
 
 LEAST_LEVER: Final = 0.2588
 """Sine of 15 degrees. An angle about an axis is computed from the component of a vector that is perpendicular to the
-axis. No angle is given if this component is shorter than ``LEAST_LEVER`` times the vector: the vector is then nearly
-parallel to the axis (gimbal lock), and an error of a joint changes the angle at least about four times as much as if
-they were perpendicular.
+axis. If this component is shorter than ``LEAST_LEVER`` times the vector, the angle has no value: the vector is then
+nearly parallel to the axis (gimbal lock). An error of a joint then changes the angle at least about four times as much
+as it would for a perpendicular vector.
 """
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
@@ -78,12 +78,13 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): the ratio of lengths of which ``LEAST_LEVER`` is the minimum."""
+"""An angle (n,) in radians, and its lever (n,): a ratio of lengths, whose minimum is ``LEAST_LEVER``."""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
-    """Angles that one formula computes from the same joints, in the order of ``names``.
+    """A group of angles that one formula computes from the same joints. The formula returns them in the order of
+    ``names``.
 
     own_sigma: function that returns the standard deviation (n,) in radians of the error that the formula makes even
     with exact joints.
@@ -96,8 +97,9 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """Return (n,) radians: the standard deviation of the angle between the plane through the three joints of a bent
-    limb and the plane perpendicular to the hinge (elbow or knee).
+    """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians: the angle
+    between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge (elbow or
+    knee).
 
     limb: the joints at its root, hinge and end. aside_rad: standard deviation, between people, of the angle by which
     limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane through its joints.

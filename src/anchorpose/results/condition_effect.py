@@ -29,8 +29,8 @@ from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 CONFIDENCE: Final = 0.95
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
-"""Ways in which the order of conditions may have been drawn at random: within pairs of successive trials, within blocks
-of trials that the events file states, or over all trials.
+"""Names of the ways in which the order of conditions can have been randomised: within pairs of successive trials,
+within blocks of trials (stated in the events file), or over all trials.
 """
 
 
@@ -39,12 +39,12 @@ class Effect:
     """The effect of a condition on a measure, compared with the reference condition.
 
     reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
-    difference: condition minus reference; low, high: its 95 % interval, None if there are too few trials. p: p value of
-    the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
-    conditions to trials, not from a sample. detectable: the difference that errors of measurement alone exceed only 5
-    times in 100, or the MDC95 (minimal detectable change) of repeated sessions if this is larger; None if neither is
-    known. repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: why the difference
-    is not tested; then p is None.
+    difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
+    value of the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
+    conditions to trials, not from a sample. detectable: smallest difference that counts as real. It is the limit that
+    errors of measurement alone exceed only 5 times in 100, or the MDC95 (minimal detectable change) of repeated
+    sessions, whichever is larger; None if both are unknown. repeated: whether detectable is an MDC95. design:
+    ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference is not tested, if p is None.
     """
 
     reference: str
@@ -74,7 +74,8 @@ def effects(
     """Return the effect on one measure of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
-    if it is known from repeated sessions. untested: by condition, why its effect on this measure is not tested.
+    if it is known from repeated sessions. untested: for conditions whose effect on this measure is not tested, the
+    reason, by condition.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -123,8 +124,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the two
-    conditions' trials in the order of time, and the block of each of these trials.
+    """Return the way in which the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the
+    two conditions' trials in the order of time, and the block of each of these trials.
 
     A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """
@@ -140,7 +141,7 @@ def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np
 
 
 def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
-    """Return a sentence on how many trials were recorded, and how many are needed for a significant p."""
+    """Return a sentence that states the number of recorded trials, and the number needed for a significant p."""
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
@@ -170,10 +171,10 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
     the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
 
-    The scatter of the trials includes their random errors of measurement, so the variance of the scatter is never taken
-    to be smaller than that of these errors. The systematic errors of a session's trials are fully correlated, so they
-    cancel in the difference as far as they are equally large; the variance of the remainder is added to that of the
-    scatter.
+    The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
+    variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
+    fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
+    the variance of the scatter.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))

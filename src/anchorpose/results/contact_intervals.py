@@ -1,4 +1,6 @@
-"""Turn the distances from the patient to people and equipment in each frame into contacts that begin, last and end."""
+"""Find the contacts of the patient with people and equipment, from their distances in each frame: when each contact
+begins and ends.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +19,17 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""A contact has ended if cameras see at least this share of the skin that was touched last, and nobody touches this
-skin.
-"""
+"""Share of the skin that was touched last. If cameras see at least this share untouched, the contact has ended."""
 
 HIDDEN_M: Final = 0.08
-"""Maximum distance in m between another person's skin and the patient's skin that this person last touched, for the
-contact to continue while it is hidden. The value is the length of a palm, since the cameras may see only the back or
-the wrist of the hand that holds on; a person who has let go is farther away.
+"""Maximum distance in m at which a hidden contact continues: the distance between another person's skin and the
+patient's skin that this person last touched. The value is the length of a palm, since the cameras may see only the back
+or the wrist of the hand that holds on; a person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
-"""Minimum share of the patient's skin beside a part of the equipment that must be seen, for a contact with this part to
-count as seen; the same share is required for a joint to be observed.
+"""Minimum seen share of the patient's skin next to a part of the equipment, for a contact with this part to count as
+seen. The value is the share that is required for a joint to be observed.
 """
 
 
@@ -41,14 +41,14 @@ class ContactConfig:
     # holding hand if the cameras see only its back, plus half the spacing of the skin points of other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, least touched area to continue a contact: the area that one skin point represents
+    keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area of one skin point
     begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
     release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
     equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
-    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap to begin a contact: half a fist
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -110,8 +110,8 @@ class _Open:
 
 
 class ContactIntervals:
-    """A collector that gets frames in the order of time, yields contacts that have ended, and stores those that have
-    not.
+    """A collector of contacts. It receives frames in the order of time, yields each contact when it has ended, and
+    stores the contacts that continue.
 
     region (p,): index into ``REGIONS`` of each skin point; area_m2: area of skin that one point represents; equipment:
     names of the parts to which gaps are measured.
@@ -151,7 +151,7 @@ class ContactIntervals:
 
     def touched_now(self, by_equipment: bool) -> dict[str, bool]:
         """Return, for each part of the patient (``REGIONS``) that is touched in the last frame, whether a camera sees
-        the touch. Only touches by equipment count if ``by_equipment``, else only those by people.
+        the touch. If ``by_equipment``, only touches by equipment count, else only touches by people.
         """
         parts: dict[str, bool] = {}
         for key, kept in self._open.items():
@@ -178,8 +178,8 @@ class ContactIntervals:
                 yield _Key(False, *divmod(key, len(REGIONS))), touch
 
     def _by_equipment(self, gaps: EquipmentGaps) -> Iterator[tuple[_Key, _Touch]]:
-        """Yield the touches by equipment in a frame: regions whose skin probably touches a part of the equipment, or
-        touched it before and may still do so.
+        """Yield the touches by equipment in a frame: regions whose skin probably touches a part of the equipment, and
+        regions that touched it before and may still touch it.
 
         A gap that no camera shows begins a contact only if its sigma is small enough to distinguish touching from being
         near.
@@ -195,8 +195,8 @@ class ContactIntervals:
                 yield key, _Touch(none, bool(begins[row]), area_m2, float(shown[row]), gap_m)
 
     def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
-        """Return whether a contact continues: there is a touch in this frame, or the contact is hidden while the person
-        is within ``HIDDEN_M``, or the touch has paused for at most ``release_s``.
+        """Return whether a contact continues: the region is touched in this frame, or the contact is hidden while the
+        person is within ``HIDDEN_M``, or the touch has paused for at most ``release_s``.
         """
         if kept.last == now:
             return True

@@ -27,8 +27,8 @@ class ContactScore:
 
     precision: share of the reported pairs of part and frame in which a bone of the part is truly touched. recall: share
     of the truly touched pairs of part and frame in which this part, or another part that shares a bone with it, is
-    reported. The truth names bones, and no bone is a knee: a knee that is held counts as a touched thigh, a touched
-    shank, or both.
+    reported. The truth states the touched bones, and a knee is not a bone: in the truth, a held knee is a touched
+    thigh, a touched shank, or both.
     """
 
     reported: int  # number of reported pairs of part and frame
@@ -55,7 +55,8 @@ def score_contacts(
     does not state such contacts. The result for equipment is also None if tracking did not search for contacts with
     equipment.
 
-    rows (t,): indices of the compared frames of the truth; frame (t,): number of the result's frame matched to each.
+    rows (t,): indices of the compared frames of the truth; frame (t,): for each of them, the number of the matching
+    frame of the result.
     """
     contacts = read_contacts(table)
     touched, supported = read_true_touch(truth), read_true_support(truth) if read_equipment_names(table) else None

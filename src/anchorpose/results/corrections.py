@@ -1,9 +1,9 @@
 """Define a reviewer's corrections of tracked results, and read and write their file.
 
 corrections.json, the format ``anchorpose-corrections``, is read by ``track --corrections`` and written by the viewer.
-Frames and times are those of the results' tables; positions are in the world frame of these tables. No entry is ever
-deleted: a correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a
-correction that had replaced an earlier correction, the earlier correction is valid again.
+Frames, times and positions are as in the results' tables, in the same world frame. No entry is ever deleted: a
+correction that a reviewer takes back or replaces moves to ``withdrawn``. If a reviewer takes back a correction that had
+replaced an earlier correction, the earlier correction is valid again.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
 
 LATEST_FRAME: Final = 2**31 - 1  # largest frame number that the tables can hold (int32)
 SUREST_M: Final = 1e-4
-"""Minimum sigma of a corrected joint in m. Nobody places a joint more precisely, and the inverse square of a sigma near
-zero overflows.
+"""Minimum sigma of a corrected joint in m. No reviewer can place a joint more precisely, and the inverse square of a
+sigma near zero would overflow.
 """
 
 
@@ -69,7 +69,7 @@ Position = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnusableInterval:
-    """The frames from first_frame to last_frame, both included, which no measure may use."""
+    """An interval that no measure may use: the frames from first_frame to last_frame, both included."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     first_frame: Frame
@@ -153,7 +153,9 @@ AnyCorrection = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Withdrawal:
-    """A correction that was taken back, by whom (a pseudonym or initials), and when (UTC, ISO 8601 with Z)."""
+    """The record that a correction was taken back: the correction, the reviewer who took it back (a pseudonym or
+    initials), and the time (UTC, ISO 8601 with Z).
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     entry: AnyCorrection
@@ -187,8 +189,8 @@ class CorrectionsRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """All corrections of a recording: valid ones, and withdrawn ones (taken back or replaced). patient: None if nobody
-    was named.
+    """All corrections of a recording: valid ones, and withdrawn ones (taken back or replaced). patient: None if no
+    reviewer named the patient.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -204,8 +206,8 @@ class Corrections:
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def added(self, entry: Correction) -> Corrections:
-        """Return the corrections with one more entry. The new entry withdraws an earlier entry about the same joint in
-        the same frame, or about who the patient is.
+        """Return the corrections with one more entry. The new entry replaces (withdraws) an earlier entry about the
+        same joint in the same frame; a new entry that names the patient replaces the earlier one.
         """
         about = _subject(entry)
         same = [old for old in self.valid if about is not None and _subject(old) == about]

@@ -1,5 +1,5 @@
-"""Compare tracked results with the truth of a recording: errors of joints and angles, how well the stated sigmas fit
-these errors, large errors with a small sigma, and contacts.
+"""Compare tracked results with the truth of a recording: errors of joints and angles, whether the stated sigmas fit
+these errors, large errors with a small sigma (confident errors), and contacts.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.results.verify import require_own
 
 FAR_M: Final = 0.10
-"""Minimum error in m of a confident error (``CONFIDENT_SIGMAS``); with less, a joint is still on the right body part.
+"""Minimum error in m of a confident error (``CONFIDENT_SIGMAS``); with a smaller error, a joint is still on the right
+body part.
 """
 
 CONFIDENT_SIGMAS: Final = 4.0
 """A confident error exceeds this multiple of the joint's stated sigma along at least one axis. If the sigmas are right,
-one in 16 000 errors along an axis exceeds this multiple.
+an error along an axis exceeds this multiple once in 16 000 cases.
 """
 
 PLAIN_VIEW: Final = 0.5
@@ -60,7 +61,7 @@ SEEN_SHARE: Final = 0.25
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongInView:
     """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place;
-    start_s: its beginning, None if this never happened.
+    start_s: when this time began, None if it never happened.
     """
 
     start_s: float | None
@@ -124,8 +125,8 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
 
 
 def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """Return when the longest unbroken run of True in ``flags`` (n,) begins, None if all are False, and how long it
-    lasts; time_s (n,).
+    """Return the beginning (None if all are False) and the duration, both in s, of the longest unbroken run of True in
+    ``flags`` (n,); time_s (n,).
     """
     period_s = 2.0 * half_period_s(time_s)
     found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
@@ -141,8 +142,8 @@ accepted, since all of its frames match.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest unbroken time in which a joint was over ``WRONG_M`` from its true place; joint: None if no joint ever
-    was.
+    """The longest unbroken time in which one joint was over ``WRONG_M`` from its true place; joint: None if every joint
+    was always nearer.
     """
 
     joint: str | None
@@ -210,7 +211,7 @@ def _angle_summary(error_deg: np.ndarray, within: np.ndarray) -> AngleError:
 
 
 def _mean(values: np.ndarray) -> float | None:
-    """Return the mean; None if there are no values."""
+    """Return the mean of the values; None without values."""
     return float(values.mean()) if len(values) else None
 
 
@@ -237,7 +238,7 @@ class Evaluation:
     matched_frames: int
     truth_frames: int  # number of frames of the truth after the skipped start
     results_frames: int  # number of frames of the results after the skipped start
-    missing_frames: int  # number of truth frames for which the result has no frame
+    missing_frames: int  # number of truth frames without a matching frame in the results
     overall: ErrorSummary
     per_joint: tuple[tuple[str, ErrorSummary], ...]
     per_state: tuple[tuple[str, ErrorSummary], ...]
@@ -291,13 +292,13 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""The truth's times are taken to be in another unit if the truth's frame interval and duration are both smaller than
-those of the results by more than this factor. For a truth in minutes, both are 60 times smaller.
+"""Minimum factor by which the truth's frame interval and duration are both smaller than in the results, for the truth's
+times to count as in another unit. For a truth in minutes, both are 60 times smaller.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours; it may have fewer frames than the results."""
+    """Raise InputError if the truth's times are in minutes or hours. The truth may have fewer frames than results."""
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (usual_step_s, np.ptp))

@@ -49,9 +49,9 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 
 
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (with, part, frames touched, precision, recall): contacts with people, then with equipment.
-    For people and for equipment, a row for all parts is followed by a row for each part that was touched or reported.
-    The list is empty if no contacts were evaluated.
+    """Return rows of text with the columns with, part, frames touched, precision and recall: first contacts with
+    people, then with equipment. For people and for equipment, a row for all parts is followed by a row for each part
+    that was touched or reported. The list is empty if no contacts were evaluated.
     """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))

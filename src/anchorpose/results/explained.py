@@ -22,8 +22,8 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, least uncovered area that counts as bad (a hand); clothes and grips cause up to 40
-SEEN_PAST: Final = 0.3  # minimum share of a part's skin seen past to count as bad; correctly placed parts have less
+UNCOVERED_CM2: Final = 80.0  # cm2, minimum uncovered area that counts as bad: a hand; clothes and grips cause up to 40
+SEEN_PAST: Final = 0.3  # minimum share of a part's skin seen past to count as bad; correct parts have less
 APART_S: Final = 0.5  # s, minimum time between two moments in run.json; closer moments show the same situation
 MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
@@ -32,10 +32,10 @@ MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 class ExplainedFrame:
     """The measures of how well the pose of one frame explains the frame (``Explanation``).
 
-    uncovered_cm2: area of the patient's seen surface that no part of the reported body covers, NaN where the patient is
-    lost or nothing of the patient is seen. seen_past (5,): share of each part's skin that a camera sees past (the
-    camera measures a surface farther away there), in the order of ``PART_NAMES``; NaN where the patient is lost or too
-    little of the part is in view.
+    uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
+    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past (the camera measures a
+    surface farther away there), in the order of ``PART_NAMES``; NaN where the patient is lost or too little of the part
+    is in view.
     """
 
     frame: int
@@ -81,9 +81,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
-    """Return how badly each frame (n,) is explained: the uncovered area divided by ``UNCOVERED_CM2``, or the largest
-    share of a part that is seen past divided by ``SEEN_PAST``, whichever is larger. At 1 or more, a limb is probably
-    not where it is reported. The result is NaN if neither quantity is known.
+    """Return the badness (n,) of each frame's explanation. It is the larger of two ratios: the uncovered area divided
+    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. At 1 or more, a
+    limb is probably not where it is reported. The result is NaN if neither quantity is known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

@@ -30,9 +30,9 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """A kind of folder that a command writes: how it is recognised, and which files in it the command may replace.
 
-    name: for messages. marks: files by which the folder is recognised as replaceable; own: patterns for ``fnmatch`` of
-    the paths of the files that the command writes. All other files are the user's and are kept when the folder is
-    replaced.
+    name: for messages. marks: names of files by which the folder is recognised as replaceable. own: patterns
+    (``fnmatch``) that match the paths of all files that the command writes. All other files are the user's and are kept
+    when the folder is replaced.
     """
 
     name: str
@@ -93,8 +93,8 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
 
 @contextmanager
 def naming_place(place: Path) -> Iterator[None]:
-    """Add the written path to a disk error that lacks it: a failed write, as on a full disk, has only an error
-    number.
+    """Add the path ``place`` to disk errors in the ``with`` block that state no path: a failed write, as on a full
+    disk, states only an error number.
     """
     try:
         yield
@@ -214,8 +214,8 @@ def unfinished_results(
     unfinished run that ``overwrite`` replaces is kept until the new run has stored something. The folder is locked: a
     second run into ``path`` at the same time is refused. recording: None if the images come from cameras. go_on: text
     that states the command with which a stopped run is resumed. Raises InputError, before anything is written, if
-    results may not be written to ``path``, if another folder is called ``.NAME.unfinished``, or if there is an
-    unfinished run and neither ``resume`` nor ``overwrite`` is given.
+    results may not be written to ``path``, if another folder is called ``.NAME.unfinished``, or if an unfinished run
+    exists and neither ``resume`` nor ``overwrite`` is given.
     """
     check_results_path(path, recording, overwrite)
     work = _work_of(path)
@@ -307,8 +307,8 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the valid journal: the overwritten run's journal until the new run has stored something, then the new
-    run's journal.
+    """Return the journal that is valid at present: the overwritten run's journal until the new run has stored
+    something, then the new run's journal.
     """
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
@@ -352,7 +352,7 @@ def _remedy(path: Path, go_on: str) -> str:
 
 
 def _going_on(path: Path, go_on: str) -> str:
-    """Return the part of a message that states how to continue the unfinished run."""
+    """Return the text, part of a message, that states how to continue the unfinished run."""
     return f"'anchorpose live --finish -o {path}' finishes it" if is_live_session(path) else f"{go_on} goes on"
 
 

@@ -20,8 +20,8 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Number of frames per row group of a file (for the table of joints, half a megabyte in memory). This number never
-changes, since the bytes of the file depend on it.
+"""Number of frames per row group of a file; in the table of joints, so many frames take half a megabyte of memory. This
+number never changes, since the bytes of the file depend on it.
 """
 
 UNKNOWN: Final = -1
@@ -30,8 +30,8 @@ UNKNOWN: Final = -1
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of numbers that are one array (..., names) in memory, or (...) if there is a single name. NaN is null in
-    the file.
+    """Columns of numbers. In memory they are one array (..., names), or (...) for a single name. NaN in memory is null
+    in the file.
 
     least, most: smallest and largest allowed number.
     """
@@ -42,7 +42,7 @@ class Numbers:
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of nullable columns of numbers."""
+        """Return the declaration of the columns for pyarrow: nullable numbers."""
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -51,8 +51,8 @@ class Numbers:
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
-        """Return the numbers (rows, names), or (rows,) where there is a single name; raises InputError for a number
-        outside its limits.
+        """Return the numbers (rows, names), or (rows,) for a single name; raises InputError for a number outside its
+        limits.
         """
         columns = [table[name].to_numpy(zero_copy_only=False) for name in self.names]
         for name, values in zip(self.names, columns, strict=True):
@@ -68,7 +68,7 @@ class Codes:
     texts: tuple[str, ...]
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of one column of texts, which is never null."""
+        """Return the declaration of the column for pyarrow: texts, never null."""
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -87,7 +87,7 @@ class Flags:
     name: str
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of one nullable column of booleans."""
+        """Return the declaration of the column for pyarrow: nullable booleans."""
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -110,9 +110,10 @@ class FrameTable(Generic[Frames]):
 
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
-    "joint"; None if there is one row per frame. names: the subjects in their order; None if the subjects differ from
-    file to file; they are then in the field ``names`` of ``arrays``. text: the name of a field that is stored in the
-    file's metadata, and its key there. agree: function that tests whether numbers and texts of a table fit each other.
+    "joint"; None if the table has one row per frame. names: the subjects in their order; None if the subjects differ
+    from file to file and are in the field ``names`` of ``arrays``. text: the name of a field that is stored in the
+    file's metadata, and its key there. agree: function that tests whether the numbers and texts of a table are
+    consistent.
     """
 
     file: str

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 LONGEST_STEP: Final = 1.5
-"""Maximum time between two frames, as a multiple of the usual time; in a longer gap, a frame is missing."""
+"""Maximum time between successive frames, as a multiple of the usual time; if more time passes, a frame is missing."""
 
 LONGEST_GAP_S: Final = 0.5
 """A gap between frames of at most this length in s is too short for sitting down or standing up. If the patient has the
@@ -71,7 +71,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Return the runs of ``chosen`` frames (``unbroken_runs``), as if frames not ``known`` (n,) bool did not exist.
+    """Return the runs of ``chosen`` frames as ``unbroken_runs`` does, after leaving out all frames that are not
+    ``known`` (n,) bool.
 
     So a joint that is lost for a moment does not end a run. A run may contain unknown frames, but does not begin or end
     with an unknown frame.

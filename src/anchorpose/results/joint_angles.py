@@ -144,7 +144,7 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return how far the leg is bent at the knee: 0 = straight, negative = bent backwards (hyperextended).
+    """Return the flexion of the knee: 0 = straight leg, negative = bent backwards (hyperextended).
 
     The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
     ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips: for a straight knee,
@@ -184,7 +184,7 @@ measured here.
 
 
 def shoulder_elevation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the angle of the upper arm against the trunk, whatever direction the arm is raised in: 0 = hanging along
+    """Return the angle between the upper arm and the trunk, in whatever direction the arm is raised: 0 = hanging along
     the trunk, pi = overhead.
     """
     trunk = points["SpineBase"] - points["SpineShoulder"]
@@ -224,7 +224,7 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return how far the arm is bent at the elbow: 0 = straight, pi = folded."""
+    """Return the flexion of the elbow: 0 = straight arm, pi = folded arm."""
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     return ((between(elbow - shoulder, wrist - elbow), 1.0),)
 

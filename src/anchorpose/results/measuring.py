@@ -1,4 +1,6 @@
-"""Compute angles, axes, posture, episodes and measures (including assistance) from the joints of a results folder."""
+"""Compute angles, axes of knees and elbows, posture, episodes and measures (including assistance) from the joints of a
+results folder.
+"""
 
 from __future__ import annotations
 
@@ -104,10 +106,10 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Return the measures of assistance: time and number of contacts with people, in all, for each person, for each
-    part of the patient's body, and for each pair of person and part; then the measures while upright.
+    """Return the measures of assistance: first the time and number of contacts with people (in total, per person, per
+    part of the patient's body, and per pair of person and part), then the measures while upright.
 
-    Only frames in which the patient was found count, since contacts are unknown in all other frames.
+    Frames in which the patient was not found do not count, since contacts are unknown in them.
     """
     contacts = session.helping
     if contacts is None or not session.found.any():
@@ -152,7 +154,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = inferred_touch_share(helped)
-    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts to be seen or inferred
+    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -239,8 +241,8 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Return every measure of a session or of a part of it. moves, steps, events: transitions, steps and events of this
-    session or part.
+    """Return every measure of a whole session, or of a session that was cut to a trial. moves, steps, events: the
+    transitions, steps and events in it.
     """
     return [
         *time_measures(session, config.upright),
@@ -272,12 +274,13 @@ class MeasureResult:
 def write_measured(
     results: Path, processing: ProcessingConfig, config: MeasureConfig, trials: Trials | None = None
 ) -> MeasureResult:
-    """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if any.
+    """Write angles, axes, posture, episodes and measures of a results folder, and the processed angles if processing is
+    chosen.
 
     trials: the trials that replace the folder's trials; None keeps the folder's trials. Angles and measures always come
     from the joints as tracked. ``processing`` affects only angles_processed.parquet, which is removed if no processing
-    is chosen. All files are written before the first is replaced. Raises InputError if joints or contacts cannot be
-    used, AnchorposeError if the filter does not fit the frame rate.
+    is chosen. No old file is replaced before all new files are written. Raises InputError if joints or contacts cannot
+    be used, AnchorposeError if the filter does not fit the frame rate.
     """
     require_own(results, (JOINTS_FILE, CONTACTS_FILE, *((TRIALS_FILE,) if trials is None else ())))
     if trials is None and (results / TRIALS_FILE).exists():

@@ -1,4 +1,5 @@
-"""Read and write the results' Parquet files, and declare tables of records. Equal values give files of equal bytes.
+"""Read and write the results' Parquet files, and declare tables of records. The same values are always written as the
+same bytes.
 
 Only this module opens parquet files: it writes every page with a checksum, and verifies the checksums on reading.
 """
@@ -23,7 +24,7 @@ from anchorpose.recording.regular_file import LARGEST_ARRAYS, require_regular
 Row = TypeVar("Row")
 
 ROWS_AT_ONCE: Final = 1 << 15
-"""Number of rows read at once from a table; so many rows take some megabytes."""
+"""Maximum number of rows that are read from a table at once; they take some megabytes of memory."""
 
 TRACK_AGAIN: Final = "track the recording again"
 MEASURE_AGAIN: Final = "run 'anchorpose measure' on its folder again"
@@ -100,8 +101,8 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """Return the names of the columns. pyarrow decodes the names only on this access; raises UnicodeDecodeError where
-    they are damaged.
+    """Return the names of the columns. pyarrow decodes them only when they are accessed here; raises UnicodeDecodeError
+    if they are damaged.
     """
     return list(schema.names)
 
@@ -118,7 +119,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # singly, else pyarrow holds several row groups in memory
+    for group in range(file.num_row_groups):  # one at a time, else pyarrow holds several in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -131,7 +132,8 @@ def schema_of(record: type, *names: str) -> pa.Schema:
     names are given.
 
     A column may be null if the type of its attribute allows None. Types other than numbers and bytes are stored as
-    text. A column whose name is a Python keyword belongs to the attribute with an underscore after it.
+    text. A column whose name is a Python keyword, such as ``with``, belongs to the attribute with an underscore
+    appended.
     """
     hints = get_type_hints(record)
     hints |= {
@@ -182,10 +184,10 @@ def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[floa
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
-    record: the dataclass of a row, whose attributes have the names of the columns. known: by column, the allowed texts.
-    limits: by column, the minimum and the maximum of its numbers. rows_per_group: number that never changes, since the
-    bytes of the file depend on it. may_be_empty: whether the program sometimes writes the table without rows. later:
-    columns that files of older versions lack, and the values to use instead.
+    record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of columns,
+    by column. limits: the minimum and the maximum of columns of numbers, by column. rows_per_group: number of rows per
+    row group; it never changes, since the bytes of the file depend on it. may_be_empty: whether the program sometimes
+    writes the table without rows. later: columns that files of older versions lack, and the values to use instead.
     """
 
     file: str
@@ -215,8 +217,8 @@ class RecordTable(Generic[Row]):
             groups.flush()
 
     def read(self, path: Path, rows: Any = None) -> tuple[Row, ...]:
-        """Read all records, or those that the pyarrow expression ``rows`` selects; raises InputError if the file is not
-        such a table.
+        """Read all records, or the records that the pyarrow expression ``rows`` selects; raises InputError if the file
+        is not such a table.
         """
         table = read_parquet(path, self.schema, rows, self.later)
         if rows is None and not self.may_be_empty and not table.num_rows:
@@ -224,7 +226,7 @@ class RecordTable(Generic[Row]):
         return self.records(path, table)
 
     def records(self, path: Path, table: pa.Table) -> tuple[Row, ...]:
-        """Return the rows of a table as records; raises InputError for impossible rows. path: named in the error."""
+        """Return the rows of a table as records; raises InputError, which names ``path``, for impossible rows."""
         for column, known in self.known.items():
             for text in table[column].unique().to_pylist():
                 if text not in known:

@@ -1,10 +1,10 @@
 """Test by permutation whether a measure differs between two conditions. The observed difference is compared with the
-differences that result if the conditions are assigned to the trials in every other order that could have been drawn.
+differences under all other assignments of conditions to trials that could have been drawn.
 
-Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If
-conditions make no difference, every assignment of the conditions to the trials of a block is as probable as the
-assignment that was used. p is the share of assignments whose difference, in either direction, is no smaller than the
-observed one (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
+Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If the
+conditions have no effect, all assignments of the conditions to the trials of a block would have given the same values,
+and all are equally probable. p is the share of assignments whose difference, in either direction, is no smaller than
+the observed one (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007, Randomization Tests,
 doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979 (Scandinavian Journal of Statistics
 6:65-70).
 """
@@ -23,8 +23,8 @@ import numpy as np
 ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""Up to this number of assignments of conditions to trials, all assignments are examined, which takes a fraction of a
-second. Of more assignments, a sample is examined.
+"""Maximum number of assignments of conditions to trials at which all are examined, which takes a fraction of a second.
+If more are possible, a random sample of them is examined.
 """
 
 SAMPLED: Final = 9_999
@@ -44,7 +44,7 @@ class Blocks:
     treated (n,) bool: False for the reference; block (n,) int: number of each trial's block. Every block has trials of
     both conditions. weights (n,): the difference is the sum of weights times values; weights are positive for the
     condition, negative for the reference. The difference within a block with n_t and n_r trials of the two conditions
-    has the weight n_t n_r / (n_t + n_r), the best weight if all trials scatter alike.
+    has the weight n_t n_r / (n_t + n_r), which is optimal if all trials have the same variance.
     """
 
     treated: np.ndarray
@@ -73,8 +73,8 @@ class Blocks:
 
     @property
     def smallest_p(self) -> float:
-        """Return the smallest two-sided p that any values can give: 2 / number of assignments if the mirror image of
-        each assignment (the two conditions exchanged) is also an assignment, else 1 / number of assignments.
+        """Return the smallest possible two-sided p: 2 / number of assignments if exchanging the two conditions in any
+        assignment gives another possible assignment, else 1 / number of assignments.
         """
         mirrored = all(2 * int(self.treated[places].sum()) == len(places) for places in self.members)
         return min(1.0, (2.0 if mirrored else 1.0) / self.assignments)
@@ -142,8 +142,8 @@ def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Return the adjusted p values of several comparisons, in the order given. If comparisons with an adjusted value
-    below 0.05 are called significant, one or more of these is wrong in at most 5 of 100 experiments.
+    """Return the adjusted p values of several comparisons, in the order given. If comparisons with an adjusted p below
+    0.05 are called significant, at most 5 of 100 experiments have any falsely significant comparison.
     """
     adjusted, largest = [0.0] * len(p), 0.0
     for rank, place in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
@@ -167,8 +167,8 @@ def trials_needed(comparisons: int = 1) -> int:
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the minimum number of blocks with which p can fall below the limit in ``pairs_needed``, if all blocks are
-    like the first of the given blocks.
+    """Return the minimum number of blocks with which p can fall below the limit in ``pairs_needed``, if every block has
+    as many trials of each condition as the first of the given blocks.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

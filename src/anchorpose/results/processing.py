@@ -21,7 +21,7 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # m/s and, below, m/s2: standard deviations assumed at the first frame
+FIRST_SPEED_M_S: Final = 1.0  # m/s; next line m/s2: standard deviations assumed at the first frame
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -108,9 +108,9 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 _ORDER: Final = 2  # order of the filter in one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Ratio of tan(pi f / rate) at the cutoff f of both passes together to tan(pi f / rate) at the cutoff f of one pass.
-Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human Movement,
-on digital filtering).
+"""Factor between the cutoff frequencies of both passes together and of one pass, after the transformation tan(pi f /
+rate). Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human
+Movement, on digital filtering).
 """
 
 
@@ -128,8 +128,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
     """Filter values (n, ...) along the first axis by a Butterworth low-pass of effective order four, without delay.
 
     rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: the frequency at which the two passes
-    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or there are fewer
-    values than ``shortest_frames``.
+    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or if values has fewer
+    rows than ``shortest_frames``.
     """
     from scipy.signal import butter, sosfiltfilt  # takes a third of a second, and few recordings are filtered
 
@@ -145,7 +145,7 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
 
 MOST_UNEVEN: Final = 0.25
 """Maximum deviation of the time between two frames from the usual time, as a share of the usual time. The Butterworth
-filter needs even steps, so recordings whose time stamps jitter more are refused; they are not resampled.
+filter needs evenly spaced frames. Recordings with more jitter are refused, not resampled.
 """
 
 
@@ -177,8 +177,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Minimum number of trials for measuring the error of filling a gap. In each trial, as many known positions as the gap
-lacks are removed and filled.
+"""Minimum number of trials from which the error of filling a gap is estimated. Each trial removes as many known
+positions as the gap has missing positions, and fills them.
 """
 
 
@@ -200,8 +200,8 @@ def fill_gaps(
 
     A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
     the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
-    the error of filling. The error of filling is measured by cutting a gap of the same length into every stretch in
-    which the joint is known, and filling it. The error grows towards the middle of the gap.
+    the error of filling. To measure the error of filling, gaps of the same length are cut into every stretch in which
+    the joint is known, and filled. The error grows towards the middle of a gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -236,8 +236,9 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
     """Return the weights (m, 2 or 4) of the known positions around a gap, by which they are summed to its m missing
     positions.
 
-    Two known positions give the straight line between them. Four give a cubic (Hermite) between the inner
-    two; at each of these, it has the mean velocity between the inner and the outer position of that side.
+    Two known positions give the straight line between them. Four known positions give a cubic Hermite curve between the
+    inner two. At each inner position, the curve's velocity is the mean velocity between this position and the outer
+    position of the same side.
     """
     inner = around_s[len(around_s) // 2 - 1 : len(around_s) // 2 + 1]
     gap_s = inner[1] - inner[0]

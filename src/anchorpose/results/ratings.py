@@ -1,8 +1,8 @@
 """Store the scores that blinded raters give to trials. Each rater has a table beside the results folder, with a row per
 trial in the order in which the rater sees the trials.
 
-The table is written with all trials before the first score is given, so that a rater who was interrupted continues in
-the same order. The table does not name the conditions, so raters who open it stay blinded.
+The table is written, with all trials, before the first score is given. So a rater who was interrupted continues in the
+same order. The table does not name the conditions, so raters who open it stay blinded.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ RATING: Final = "blinded_rating"
 RATING_UNIT: Final = "score"
 
 BEST_SCORE: Final = 10
-"""Highest score. Scores are whole numbers from 0 on a numerical rating scale of 11 points, as for pain or effort."""
+"""Highest score on a numerical rating scale of 11 points, as used for pain or effort; scores are whole numbers from 0.
+"""
 
 MOST_INITIALS: Final = 8  # maximum number of letters of a rater's initials
 COLUMNS: Final = ("shown", "trial", "score", "time", "rater", "seed", "session")
@@ -165,7 +166,8 @@ def read_ratings_beside(results: Path, session: str) -> list[Ratings]:
 
 
 def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[Measure]:
-    """Return the scores as measures of the trials, then of the conditions; no measures if nobody has rated.
+    """Return the scores as measures of the trials, then of the conditions; the list is empty if no rater has given a
+    score.
 
     Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters; its value is
     None unless every rater has given a score.

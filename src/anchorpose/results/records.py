@@ -47,10 +47,11 @@ class Contact:
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
     first and last frame of the contact (both included), and their times. seen_share: share of the person's touching
-    skin that some camera saw in the same frame; the rest of this skin is remembered from earlier frames. For equipment:
-    share of the frames in which some camera saw the skin beside the part. area_cm2: touched area of skin, mean over the
-    frames. gap_mm: smallest measured distance between the two surfaces, where the patient's is the outer surface of
-    skin or clothes; negative if the skin was measured inside the equipment.
+    skin that some camera saw in the frame of the touch; the position of the rest is remembered from earlier frames. For
+    equipment, seen_share is the share of the frames in which some camera saw the patient's skin beside the part.
+    area_cm2: touched area of skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces
+    (the patient's surface is the outside of skin or clothes); negative if the patient's surface was measured inside the
+    equipment.
     """
 
     part: str
@@ -86,7 +87,7 @@ def with_equipment(contacts: Iterable[Contact]) -> tuple[Contact, ...]:
 
 
 LARGEST_VALUE: Final = 1e12
-"""Maximum absolute value of a measure and of its sigma; no real value in any unit comes near it."""
+"""Maximum absolute value of a measure and of its sigma; real values are far smaller, in every unit."""
 
 _SPAN_LIMITS: Final = {
     **dict.fromkeys(("first_frame", "last_frame"), (0, LATEST_FRAME)),
@@ -155,8 +156,8 @@ class Episode:
 
     kind: one of ``EPISODE_KINDS``. first_frame, last_frame and start_s, end_s: first and last frame of the episode
     (both included), and their times. state: worst state, in any frame of the episode, of the joints by which the
-    episode was recognised. side, depth, sigma, unit: only for events, else None. side: "left", "right", or None for a
-    failed stand. depth: how deep or how far the event went, in ``unit``; sigma: its standard deviation.
+    episode was recognised. side, depth, sigma and unit are None unless the episode is an event. side: "left", "right",
+    or None for a failed stand. depth: how deep or how far the event went, in ``unit``; sigma: its standard deviation.
     """
 
     kind: str
@@ -232,7 +233,9 @@ class Measure:
 
     @property
     def key(self) -> MeasureKey:
-        """Return the identity of the measured quantity: measure, side, part and person, without the trial."""
+        """Return the identity of the measured quantity: measure, side, part and person, but neither trial nor
+        condition.
+        """
         return self.measure, self.side, self.part, self.person
 
 
@@ -310,15 +313,15 @@ ROOM: Final = 0
 """Label of pixels without equipment or a person: the room, clutter (``PixelLabel``), and pixels without a reading."""
 
 _PNG_SETTINGS: Final = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
-"""Settings of the PNG encoder for label images. Large areas have one value, so run-length coding makes the smallest
-files: 5 kB per image.
+"""Settings of the PNG encoder for label images. Label images have large areas of one value, for which run-length coding
+makes the smallest files: 5 kB per image.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class LabelImage:
-    """One camera's segmentation in one frame. labels: an 8-bit PNG of ``PixelLabel``, ``ROOM`` where there is no
-    person.
+    """One camera's segmentation in one frame. labels: an 8-bit PNG of ``PixelLabel``, with ``ROOM`` at pixels that show
+    no person.
     """
 
     frame: int

@@ -51,8 +51,8 @@ class ReviewedRecording:
     """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
     and times (its name is for people), the world by the camera poses.
 
-    Clocks and the height of the floor are those that tracking used (None if unknown), so that they need not be found
-    again.
+    The clocks and the height of the floor that tracking used (None if unknown) are stored too, so that they need not be
+    estimated again.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -81,8 +81,8 @@ def reviewed_recording(
 ) -> ReviewedRecording:
     """Describe a recording. inputs_sha256: path in the recording folder and hash of each file, as in run.json.
 
-    The hash covers only depth images and times, so the hash stays the same if, for example, the patient's height is
-    added to recording.json.
+    Only depth images and times affect the hash. It stays the same if, for example, the patient's height is added to
+    recording.json.
     """
     lines = sorted(
         f"{path} {digest}\n"

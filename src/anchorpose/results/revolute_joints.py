@@ -1,9 +1,9 @@
-"""Compute axes.parquet: each knee and elbow as a point and the axis about which it is bent (paper, Section III).
+"""Compute axes.parquet: the position of each knee and elbow, and the axis about which it bends (paper, Section III).
 
-The axis is the normal of the plane in which both bones lie. A straight limb does not determine this plane. The
-skeleton's hinge, fixed to the upper bone, would give an axis for a straight limb, too, but depth hardly shows how far a
-bone is rotated about its long axis. In the four simulated clinics used for tuning, the root-mean-square error of the
-knees' axes is some 7 degrees if the axis is taken from the hinge, and 2 if it is taken from the plane.
+The axis is the normal of the plane in which both bones lie. A straight limb does not determine this plane. The body
+model's hinge, an axis fixed to the upper bone, would also give an axis for a straight limb. But depth images hardly
+show how far a bone is rotated about its long axis. In the four simulated clinics used for tuning, the root-mean-square
+error of the knees' axes is some 7 degrees if the axis is taken from the hinge, and 2 if it is taken from the plane.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ LIMBS: Final = np.array([_limb(name) for name in REVOLUTE_JOINTS])
 class AxisTable:
     """Knees and elbows of all frames, in the order of ``REVOLUTE_JOINTS``.
 
-    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in the world
-    about which a right-handed rotation of the lower bone bends the limb further; sigma_deg (n, 4) one standard
-    deviation of the axis in the direction in which it is least certain. The last three are float64, NaN where missing.
+    frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in world
+    coordinates; a right-handed rotation of the lower bone about it bends the limb further; sigma_deg (n, 4) one
+    standard deviation of the axis in the direction in which it is least certain. The last three are float64, NaN where
+    missing.
     """
 
     frame: np.ndarray
@@ -79,8 +80,8 @@ def revolute_axes(joints: JointTable) -> AxisTable:
     """Return the axes of all frames, NaN where one of the three joints is lost or the limb is bent by less than
     ``PLANE_UNKNOWN_RAD``, since noise then determines the plane.
 
-    A joint that moves by d out of the plane of the three joints turns the normal by -d g, where g is the gradient of
-    the joint's barycentric coordinate in the plane. The joints' errors out of the plane are assumed independent.
+    If one of the three joints moves by d out of their plane, the normal turns by -d g, where g is the gradient of this
+    joint's barycentric coordinate in the plane. The joints' errors out of the plane are assumed independent.
     """
     place, sigma_m = joints.position_m[:, LIMBS], joints.sigma_m[:, LIMBS]
     upper, lower = place[:, :, 1] - place[:, :, 0], place[:, :, 2] - place[:, :, 1]

@@ -45,8 +45,8 @@ _is_sha256: Final = re.compile("[0-9a-f]{64}").fullmatch
 
 @dataclass(frozen=True, slots=True)
 class BoneRecord:
-    """A bone between two joints, which has the same length in every frame. refined_m: final length minus the length
-    that was learnt from the first window of frames.
+    """A bone between two joints, which has the same length in every frame. refined_m: the final length minus the length
+    that was learnt from the first window of frames, in m.
     """
 
     bone: str
@@ -60,8 +60,8 @@ class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
     height_sigma_m follows from the equations by which the body is fitted. This sigma includes the effects of noise,
-    poses and hidden parts and, without a stated height, of other statures that fit the images. A bone's sigma also
-    includes a systematic error for clothes and for bodies outside the shape space.
+    poses and hidden parts. If the patient's height was not stated, it also includes that bodies of other heights would
+    fit the images. A bone's sigma also includes a systematic error for clothes and for bodies outside the shape space.
     """
 
     learnt_from_s: float
@@ -73,7 +73,7 @@ class BodyRecord:
 
 
 def _require_noise(noise: DepthNoise) -> DepthNoise:
-    """Raise Unfit unless the noise model can be evaluated at any depth."""
+    """Raise Unfit unless the noise model gives a usable sigma at every depth."""
     if not noise.at_m or len(noise.at_m) != len(noise.sigma_at_m):
         raise Unfit("does not have one sigma per depth", "track the recording again", "sigma_at_m")
     numbers = (*noise.sigma_at_m, noise.shared_px, *(at_m if at_m > NEAREST_M else -1 for at_m in noise.at_m))
@@ -124,7 +124,8 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """The share of each frame's nodes (points of the patient's surface) that the track tree found again in the next.
+    """The share of each frame's nodes (points of the patient's surface) that the track tree found again in the next
+    frame.
 
     Nodes that were not found stay at their predicted position. The share is None without the track tree, a method of
     following nodes that is not used by default.
@@ -185,9 +186,9 @@ class PoorInterval:
 
 @dataclass(frozen=True, slots=True)
 class PatientRecord:
-    """The person who was taken to be the patient. xz_m: this person's place (x, z) on the floor in metres in the
-    initial frame. reason: why the person was chosen, such as "was at the given place in frame 7". rival_xz_m: place of
-    another person who may be the patient.
+    """The person whom the program tracked as the patient. xz_m: this person's place (x, z) on the floor, in metres, in
+    the initial frame. reason: why the person was chosen, such as "was at the given place in frame 7". rival_xz_m: place
+    of another person who may be the patient.
     """
 
     frame: Frame
@@ -239,7 +240,7 @@ class RunRecord:
     poor_depth: tuple[PoorInterval, ...] = ()
     explained: ExplainedSummary | None = None  # None if no frame was tracked
     body: BodyRecord | None = None  # None if the patient was never found
-    patient: PatientRecord | None = None  # None if nobody was tracked
+    patient: PatientRecord | None = None  # None if no patient was found
     corrections: CorrectionsRecord | None = None
     calibration: CalibrationUsed | None = None  # None if the recording gives the poses, or tracking found them
     pictures: tuple[PictureRecord, ...] = ()
@@ -253,7 +254,8 @@ def note_lost(intervals: list[LostInterval], before: int | None, frame: int, tim
     """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
     one. If ``why`` is empty, the patient was found and nothing is added.
 
-    before: number of the frame before; None for the first frame. Numbers may be left out between two successive frames.
+    before: number of the frame before; None for the first frame. The numbers of successive frames need not be
+    consecutive.
     """
     if not why:
         return
@@ -348,8 +350,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of run.json without those hashes of inputs that have a valid form. An hour's recording has
-    324,000 hashes; to check them as part of the record would take longer than all other checks.
+    """Return the content of run.json without the hashes of inputs that have a valid form. An hour's recording has
+    324,000 hashes; checking them one by one with the record would take longer than all other checks.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):

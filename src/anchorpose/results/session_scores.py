@@ -21,7 +21,9 @@ from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_
 from anchorpose.results.uncertainty import NORMAL_95
 
 NEAR_S: Final = 0.5
-"""Maximum time in s between found and true onset of the same event; no knee gives way twice within this time."""
+"""Maximum time in s between found and true onset for both to be the same event; a knee does not give way twice within
+this time.
+"""
 
 IN_TIME_S: Final = 0.1
 """Maximum time in s between found and true onset for an event to count as found in time: three frames at 30 per second.
@@ -55,8 +57,8 @@ class TimeScore:
     """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
     and truth are left out.
 
-    within: number of times that differ from the truth by at most 1.96 sigma; refused: number of times that have a value
-    only in the result or only in the truth.
+    within: number of measures that differ from the truth by at most 1.96 sigma; refused: number of measures that have a
+    value only in the result or only in the truth.
     """
 
     compared: int
@@ -158,8 +160,8 @@ def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Mea
 
 
 def is_within(found: Measure, true: Measure) -> bool:
-    """Return whether the values of both measures, which are known, differ by at most 1.96 sigma of ``found``; without a
-    sigma, whether they are equal.
+    """Return whether the values of both measures differ by at most 1.96 sigma of ``found``, or, if sigma is None,
+    whether they are equal. Both values must be known.
     """
     assert found.value is not None
     assert true.value is not None

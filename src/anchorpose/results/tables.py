@@ -20,8 +20,8 @@ _STATES: Final = tuple(str(state) for state in JointState)
 
 LARGEST_DEG: Final = 360.0
 LARGEST_SIGMA: Final = 1e6
-"""Maximum sigma (m, degrees or radians). The limit is large, since an angle that a pose hardly determines may have a
-sigma of many turns.
+"""Maximum sigma (m, degrees or radians). The limit is large, since an angle that the pose hardly determines may have a
+sigma of many full rotations.
 """
 
 
@@ -178,8 +178,8 @@ ANGLES_FILE, read_angles, write_angles = ANGLES.file, ANGLES.read, ANGLES.write
 
 
 PROCESSING: Final = ("measured", "smoothed", "filled")
-"""Ways in which an angle's joints were processed. The last of these ways that applies to any of the joints counts; its
-index is the code in ``ProcessedAngles.processing``.
+"""Ways in which joints are processed. An angle has the last of these ways that applies to any of its joints;
+``ProcessedAngles.processing`` holds the index of this way.
 """
 
 

@@ -25,7 +25,7 @@ def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]
 
 
 def _span_of(results: Path) -> RecordedSpan:
-    """Return when the recording began and ended: from run.json or, if all frames were tracked, from joints.parquet."""
+    """Return the start and end of the recording, from run.json or, if all frames were tracked, from joints.parquet."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
     if run.get("recorded"):
         return RecordedSpan(**run["recorded"])

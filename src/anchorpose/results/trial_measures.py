@@ -38,9 +38,9 @@ def measures_by_trial(
 ) -> list[Measure]:
     """Return the measures of every trial, in the order of the events file, then the measures of every condition.
 
-    whole: the measures of the whole recording; a person or a part without contact in a trial gets 0 s and 0 contacts
-    there. settle_s: time after standing up in which the patient is not yet at rest. measure: computes the measures of a
-    cut session.
+    whole: the measures of the whole recording. If a person or part in them has no contact in a trial, the trial's
+    measures for this person or part are 0 s and 0 contacts. settle_s: time after standing up in which the patient is
+    not yet at rest. measure: computes the measures of a cut session.
     """
     rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
     return [
@@ -119,7 +119,9 @@ Interval = TypeVar("Interval", Contact, Episode)
 
 
 def _clipped(found: Sequence[Interval], frame: np.ndarray, time_s: np.ndarray) -> Iterator[tuple[int, Interval]]:
-    """Yield, for each interval that reaches into the frames (k,) at time_s (k,), its index and its part in them."""
+    """Yield, for each interval that overlaps with the frames (k,) at time_s (k,), its index and the part of it that
+    lies in these frames.
+    """
     for place, each in enumerate(found):
         inside = np.flatnonzero((frame >= each.first_frame) & (frame <= each.last_frame))
         if len(inside):

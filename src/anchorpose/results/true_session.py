@@ -88,8 +88,8 @@ def read_true_contacts(path: Path, rows: np.ndarray, frame: np.ndarray, time_s: 
 
 
 def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the regions of the body that consist of bones, with the indices (k,) of these bones in ``bones``; knees do
-    not. Feet are left out, since they always touch something.
+    """Yield the regions of the body that consist of bones (knees do not), with the indices (k,) of these bones in
+    ``bones``. Feet are left out, since they always touch something.
     """
     for region, names in REGION_BONES.items():
         if not region.startswith("knee") and not set(names) & FOOT_BONES:

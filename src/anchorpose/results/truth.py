@@ -158,11 +158,13 @@ WRONG_M: Final = 0.15
 CLEARLY_BETTER: Final = 0.7
 """The file's axes and labels are taken to be wrong if the misfit to the results under another assumption (``Sides``) is
 at most this share of the file's misfit as it is. In six simulated laboratories, the misfit under the right assumption
-was at most 0.1 times the misfit under the wrong assumption.
+was at most 0.1 times the misfit under a wrong assumption.
 """
 
 LARGEST_DEFINITION_M: Final = 0.03
-"""Misfit in m below which axes and labels are accepted as they are; definitions of joint centres differ by as much."""
+"""Misfit in m below which axes and labels are accepted as they are, since definitions of joint centres differ by as
+much.
+"""
 
 
 class Sides(NamedTuple):
@@ -237,8 +239,9 @@ def require_same_world(path: Path, ours_m: np.ndarray, truth_m: np.ndarray) -> N
     """Raise InputError if the truth (n, 21, 3) is in another unit or other axes than the results' joints (n, 21, 3)
     of the same frames.
 
-    As far as possible, the truth alone is tested for properties that every correct truth has. Tracking the patient back
-    to front or in another place is an error of the results, which the evaluation must measure and not refuse.
+    As far as possible, the tests use only the truth, and properties that every correct truth has. The results may be
+    wrong (for example, track the patient back to front or in another place); the evaluation must measure such errors,
+    not refuse them.
     """
     scale = _ratio(_bone_lengths(truth_m), _bone_lengths(ours_m))
     if not 1 / MOST_SCALE <= scale <= MOST_SCALE:
@@ -288,8 +291,9 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 
 def _handedness(joints_m: np.ndarray) -> float:
-    """Return 1 if toes and knees point forward, given the directions up and to the patient's right, -1 if they point
-    backward (the joints are mirrored or exchanged), NaN if it is unclear (``LEAST_FORWARD_M``).
+    """Return 1 if toes and knees point forward, where forward follows from the directions up and to the patient's
+    right. Return -1 if they point backward (the joints are mirrored or exchanged), NaN if it is unclear
+    (``LEAST_FORWARD_M``).
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]

@@ -20,7 +20,7 @@ in the measured table of docs/angles.md.
 
 JOINT_SHARE: Final = 0.7
 """Share of the variance that stays the same through a recording, for errors of joints and of values computed from joint
-positions. The value is lower than the 0.8 that was found once on simulated recordings but that no table repeats.
+positions. A value of 0.8 was found once on simulated recordings, but no table reproduces it; a lower value is used.
 """
 
 CORRELATION_S: Final = 1.5

@@ -65,8 +65,8 @@ class Event(Entry):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """The lines of a log in their order. broken: a sentence on each line whose hash does not follow from this line and
-    the previous line.
+    """The lines of a log in their order. broken: one sentence for each line whose stated hash is not the hash of this
+    line and the previous line.
     """
 
     events: tuple[Event, ...]
@@ -130,8 +130,8 @@ def _lines(path: Path) -> list[bytes]:
 
 
 def _hash_in(line: bytes) -> str:
-    """Return the hash that a line states; empty if the line is damaged, so that the next line is reported as not
-    following it.
+    """Return the hash that a line states. For a damaged line, return an empty text, so that the next line is reported
+    as broken, too.
     """
     try:
         return str(parse_json(line)["sha256"])
@@ -147,7 +147,7 @@ def _chained(previous: str, line: dict[str, Any]) -> str:
 MEASURED: Final = frozenset(
     {ANGLES_FILE, AXES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
 )
-"""Tables that 'anchorpose measure' writes again from the joints, or removes if it has nothing to write to them."""
+"""Tables that 'anchorpose measure' writes again from the joints, or removes if they would be empty."""
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:
@@ -167,7 +167,7 @@ def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | No
 
 
 def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
-    """Return the hash of each file's last written version; for tables that were measured again, the log has newer
+    """Return the hash of each file as it was last written. For tables that were measured again, the log states newer
     hashes than run.json.
     """
     if run is None:
@@ -239,8 +239,8 @@ def verify(results: Path, recording: Path | None) -> Verified:
 
 
 def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fits]:
-    """Compare each file with the last log entry about it. Missing files of an export are left out, since people move
-    such files.
+    """Compare each file with the last log entry about it. Exported files that are missing are left out, since users
+    move such files.
     """
     logged = {name: (event.what, digest) for event in log.events for name, digest in event.files.items()}
     wanted = _last_written(written, log)

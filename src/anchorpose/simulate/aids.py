@@ -1,7 +1,7 @@
 """Build equipment: a standing frame, parallel bars, a chest pad, a walker, a wheelchair, a sling or a stool.
 
-All equipment stands still. Equipment is fitted around the sweep, which is the space through which the patient's skin
-moves in the recording. So the trunk does not pass through the equipment.
+All equipment stands still. It is fitted around the sweep, the space through which the patient's skin moves in the
+recording, so that the trunk does not pass through the equipment.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
 ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # a bone whose name contains one of these belongs to an arm
-LOOSE_M = 0.06  # m; a sling has a harness only if the chest moves by at most this in the recording
+LOOSE_M = 0.06  # m, maximum movement of the chest in the recording for a sling to have a harness
 WIDEST_M = 0.62  # m, distance of each rail from the middle plane z = 0, for the widest parallel bars on the market
 
 
@@ -235,7 +235,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # no harness is built: it would have to move with the trunk, but all equipment stands still
+        return tuple(parts)  # no harness, since it would have to move with the trunk, but all equipment stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

@@ -1,4 +1,4 @@
-"""Give bodies what the tracker's shape space lacks: segments of any human length and girth, shoes, braces, stumps."""
+"""Give bodies properties beyond the tracker's shape space: any human lengths and girths, shoes, braces, stumps."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ class Scales:
 
 
 def draw_scales(rng: np.random.Generator, names: tuple[str, ...], build: Build) -> Scales:
-    """Draw the scales of all body segments. Scales are independent, except that those of left and right segments are
-    nearly equal.
+    """Draw the scales of all body segments. Scales of different segments are independent, but left and right segments
+    have nearly equal scales.
     """
     length, girth = np.ones(len(names)), np.ones((len(names), 2))
     if build == "ordinary":
@@ -109,7 +109,7 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Set the ``stretch`` (b, 3, 3) of fingers and toes to the geometric mean of their hand's or foot's factors."""
+    """Set the ``stretch`` (b, 3, 3) of fingers and toes to the geometric mean of the factors of their hand or foot."""
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))
@@ -145,7 +145,7 @@ def with_shoes(body: BodyMesh, normals: np.ndarray, upper_m: float, sole_m: floa
 
 
 def with_brace(body: BodyMesh, bones: tuple[str, ...], off_m: float) -> tuple[BodyMesh, np.ndarray]:
-    """Add a stiff shell around the segments of some bones. Also return (v,): from 0 (vertex is bare) to 1 (covered).
+    """Add a stiff shell around some bones' segments. Also return the cover (v,): from 0 (bare vertex) to 1 (covered).
 
     On the trunk, the shell is ``off_m`` from the skin. On legs, it is at least ``off_m`` from the skin, and its radius
     is at least ``off_m`` more than the 90th percentile of the radii of the segment's skin.

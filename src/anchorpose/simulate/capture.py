@@ -14,8 +14,8 @@ from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_o
 from anchorpose.simulate.timeline import ease
 
 SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
-OVERLAP_S: Final = 0.4  # s, time over which the end of one repetition is blended into the start of the next
-STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
+OVERLAP_S: Final = 0.4  # s, time over which the end of a repetition is blended into the start of the next repetition
+STRAIGHT_RAD: Final = 0.35  # rad; the axis of an elbow that is bent by less comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
@@ -41,7 +41,9 @@ class Capture:
 
 
 def lay_out(clips: Clips, first: int, phase: float, from_s: float, until_s: float) -> Capture:
-    """Join clips from ``from_s`` to ``until_s``. Time 0 s is in clip ``first`` at ``phase`` (0: start, 1: end)."""
+    """Join clips into a movement from ``from_s`` to ``until_s``. Time 0 s is at ``phase`` (0: start, 1: end) of clip
+    ``first``.
+    """
     rows_before = int(np.ceil(-from_s * CLIP_HZ))
     count = rows_before + int(np.ceil(until_s * CLIP_HZ)) + 2
     zero = int(phase * (len(clips.joints_m[first]) - 1))
@@ -131,7 +133,7 @@ def _bending_axis(arm: np.ndarray) -> np.ndarray:
     trust = np.clip(sine / np.sin(STRAIGHT_RAD), 0.0, 1.0) ** 2
     axes = np.zeros((len(arm), 3))
     axis = RIGHT.copy() if sine.max() == 0 else measured[int(np.argmax(sine))]
-    # frames are visited backward first, to give the first frames an axis
+    # the backward pass comes first, so that the first frames have an axis, too
     for times in (range(len(arm) - 1, -1, -1), range(len(arm))):
         for t in times:
             carried = unit(axis - (axis @ arm[t, 0]) * arm[t, 0])

@@ -1,4 +1,4 @@
-"""Simulate a patient who does a captured movement. If a broad body is in the way of the arms, the arms are abducted."""
+"""Simulate a patient who does a captured movement. If the arms would be inside a broad body, the arms are abducted."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from anchorpose.simulate.timeline import ease
 
 MARGIN_S: Final = 3.0  # s of movement before and after the recording, for cameras with wrong clocks
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
-GIVES_M: Final = 0.01  # m; an arm may be inside the body by at most this depth, since soft tissue gives way
-HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less than this is abducted by the full angle
-RAISED_RAD: Final = 1.6  # rad; an arm raised by more than this keeps its direction
+GIVES_M: Final = 0.01  # m, maximum depth of an arm inside the body, since soft tissue gives way
+HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less is abducted by the full angle
+RAISED_RAD: Final = 1.6  # rad; an arm that is raised by more is not abducted
 DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
 DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
 # minimum cosine, for a point inside the body, between the direction to the nearest skin and the normal of that skin
 UNDER_SKIN: Final = 0.7
-# bones whose name contains one of these must stay outside the body
+# A bone whose name contains one of these texts must stay outside the body.
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")
-ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # names of arm bones contain one of these; the body is all other bones
+ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # texts in the names of arm bones; all other bones belong to the body
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
     """Draw the configuration's movement. The movement begins at a random phase, so the recording may begin in the
-    middle of it.
+    middle of the movement.
 
     If the arms cannot be kept out of the body, the movement is drawn again, up to ``DRAWS`` times in all.
     """
@@ -54,7 +54,7 @@ def with_arms_clear(actor: CapturedActor, seconds: float) -> tuple[CapturedActor
     """Abduct the arms by the smallest angle at which no forearm is inside trunk or legs; return the changed movement
     and True.
 
-    If none of ``ANGLES_RAD`` is enough, use the last angle and return False. seconds: duration that is tested, from
+    If all of ``ANGLES_RAD`` are too small, use the last angle and return False. seconds: duration that is tested, from
     time 0.
     """
     times_s = np.arange(0.0, seconds, 1.0 / CHECK_HZ)

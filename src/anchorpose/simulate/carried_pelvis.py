@@ -1,4 +1,4 @@
-"""Compute the pelvis's height from given bends of the knees, and the pelvis's tilt to one side if the knees bend
+"""Compute the height of the pelvis for given bends of the knees, and its tilt to one side if the knees bend
 unequally.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from anchorpose.rotations import FORWARD, rotate, turns_about
 
-LEAST_LOAD: Final = 1e-3  # share of the load that a foot in the air has; not 0, so that the shares never add up to 0
+LEAST_LOAD: Final = 1e-3  # share of the load of a foot in the air; not 0, so that the sum of the shares is never 0
 ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
@@ -28,7 +28,7 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """Return the bend of the knees; None if no leg carries the pelvis at any time.
+    """Return the bend of the knees; None if the legs never carry the pelvis.
     lift (t, 2): height of each foot above the floor, as a share of the height of a step.
     """
     if not carry.any():

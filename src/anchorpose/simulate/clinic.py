@@ -51,7 +51,7 @@ Programme = Callable[[np.random.Generator, Person], Actor]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clinic:
-    """The people, the room and the cameras of one recording."""
+    """The contents of one recording: people, room and cameras."""
 
     config: SimulationConfig
     cameras: tuple[Camera, ...]
@@ -75,7 +75,8 @@ class Clinic:
     def true_times_s(self, camera: int) -> np.ndarray:
         """Return the true times (t,), s, at which a camera takes its images.
 
-        The images' time stamps differ from these times: a stamp is the epoch of the camera's clock + frame / fps.
+        The time stamps of the images differ from these times: a stamp is the epoch of the camera's clock plus frame /
+        fps.
         """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
@@ -98,7 +99,9 @@ class Performance:
     bones: tuple[np.ndarray, ...]  # per person, the patient first: (t, b, 4, 4) T_world_rest of the bones
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
-        """Return the dressed skin of all people in one frame; a patient who is away has no triangles to draw."""
+        """Return the dressed skin of all people in one frame. While the patient is away, the patient's figure has no
+        triangles.
+        """
         nobody = self.away[frame]
         people = [self.clinic.patient.person, *(therapist.actor.person for therapist in self.clinic.therapists)]
         return tuple(
@@ -135,8 +138,8 @@ class Performance:
 
 
 def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.Generator:
-    """Return the random generator for one purpose (``name``, one of ``STREAMS``) and for the given keys, such as a
-    camera's index.
+    """Return the random generator for one purpose: ``name``, one of ``STREAMS``, with ``keys`` such as a camera's
+    index.
 
     Each purpose has a generator of its own, so a change of one part of the simulation does not change the other parts.
     """
@@ -144,8 +147,8 @@ def random_stream(config: SimulationConfig, name: str, *keys: int) -> np.random.
 
 
 def draw_clinic(config: SimulationConfig, programme: Programme | None = None) -> Clinic:
-    """Draw people, room and cameras from ``config.seed``. programme: function that draws the patient's movements;
-    None = they follow ``config``.
+    """Draw people, room and cameras from ``config.seed``. programme: function that draws the patient's movements; None
+    = the movements that ``config`` states.
     """
     if config.room is not None:
         return _in_room(config, config.room)

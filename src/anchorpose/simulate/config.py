@@ -36,23 +36,23 @@ MOTIONS: Final = (
 """
 
 NAMED_ONLY: Final = ("buckle",)
-"""Motions that are simulated only if the user names them, since nobody does them on purpose."""
+"""Motions that are simulated only if the user names them, since patients do not do them on purpose."""
 
 BEHIND_AND_BEFORE: Final[tuple[TaskName, ...]] = ("trunk from behind", "both knees from the front")
 FRAMELESS_MOTIONS: Final = frozenset({"sit-to-stand"})
 """Motions for which a standing frame with a knee bar leaves no space."""
 
-SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, limits of ``hole_radius_m``, as in the paper that README.md cites
+SMALLEST_HOLE_M, LARGEST_HOLE_M = 0.03, 0.15  # m, limits of ``hole_radius_m``, from the paper that README.md cites
 ROUGH_KEY, MOVEMENT_KEY, PLAN_KEY = 1000, 1001, 1003  # keys of random streams that are not in ``clinic.STREAMS``
 ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "stands": (("mixed",), ("squat", "reach", "arm-raise"), ("weight-shift", "trunk", "steps", "head", "reach")),
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides about sitting
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides who sits
 # share of the standing patients in cluttered rooms who do a captured movement, if a file of such movements is given
 CAPTURED_SHARE: Final = 0.6
-ABSENT_SHARE: Final = 0.15  # a late patient comes into view after this share of the recording
+ABSENT_SHARE: Final = 0.15  # share of the recording after which a late patient comes into view
 HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
 LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # limits of the settings ``seconds`` and ``fps``
 THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
@@ -79,7 +79,7 @@ class SimulationConfig:
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
     # tasks of the first therapists; the tasks of all further therapists are drawn
     therapist_tasks: tuple[TaskName, ...] = ()
-    therapists_stay: bool = False  # True: therapists are present from the first to the last frame
+    therapists_stay: bool = False  # True: all therapists are present in all frames
     # number of people who walk through the room, between a camera and the patient
     passers_by: Annotated[int, Field(ge=0, le=3)] = 0
     motions: Annotated[tuple[str, ...], Field(min_length=1)] = ("mixed",)
@@ -96,7 +96,7 @@ class SimulationConfig:
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
     body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
     pose_known: bool = True  # False: camera_to_world is null in recording.json
-    # s, for each camera: how much later an image is taken than its time stamp states
+    # s, for each camera: true time of an image minus the time in its stamp
     clock_late_s: tuple[float, ...] = ()
     clock_drift: tuple[float, ...] = ()  # s per second, for each camera, by which ``clock_late_s`` grows
     clock_epoch_s: tuple[float, ...] = ()  # s, for each camera: time stamp at the start of the recording
@@ -106,7 +106,7 @@ class SimulationConfig:
     doubled_share: ProperShare = 0.0  # share of each camera's files that contain the previous depth image again
     starts_late_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the start; camera 0: 0
     ends_early_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the end; camera 0: 0
-    # per camera, a number n: the camera records only every n-th image; 1 for the first camera
+    # per camera, a number n, if the camera records only every n-th image; 1 for the first camera
     every: tuple[Count, ...] = ()
     room: RoomConfig | None = None  # a cluttered room seen by one camera; None = a plain training room
     session: SessionConfig | None = None  # trials with and without stimulation, which replace ``motions``
@@ -131,7 +131,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # a frame is fitted to a captured movement
+    in_frame = config.equipment == "standing-frame" and not captured  # a captured movement has a frame that fits it
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -196,7 +196,7 @@ def clinic(seed: int, seconds: float = 10.0, fps: float = 15.0) -> SimulationCon
 
 
 def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
-    """Return ``config`` with a patient who is hard to track: away at first or later, behind a curtain, or seated.
+    """Return ``config`` with a patient who is hard to track: absent at first or later, behind a curtain, or seated.
 
     A patient who walks or sits has no standing frame. Raises ValueError if other equipment keeps the patient from
     walking, or if the configuration has a captured movement.

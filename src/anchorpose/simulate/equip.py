@@ -28,10 +28,10 @@ from anchorpose.simulate.retarget import CapturedActor
 from anchorpose.simulate.timeline import Movement, ball_ahead_m, stand, standing_pelvis_m
 
 SWEEP_HZ = 5.0  # Hz, rate at which the patient's movement is sampled to find the space that it needs
-STOOL_HALF_M = 0.20  # m from a stool's middle to the legs of the standing patient: half the stool's depth plus a margin
+STOOL_HALF_M = 0.20  # m, distance of a stool's middle from the standing patient's legs: half its depth plus a margin
 CEILING_M = 2.65  # m, height of the ceiling from which a sling hangs
-BELOW_NECK_M = 0.15  # m from the joint SpineShoulder down to the middle of the sternum
-HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient's hands hold
+BELOW_NECK_M = 0.15  # m, distance from the joint SpineShoulder down to the middle of the sternum
+HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that the patient holds
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
@@ -49,7 +49,7 @@ def fit_around(
 ) -> tuple[EquipmentPart, ...]:
     """Return all equipment: the parts of ``held``, and parts that are fitted to the patient's whole movement.
 
-    held: result of ``fit_held``; None for a captured movement: then all equipment is fitted to the movement.
+    held: result of ``fit_held``; None for a captured movement, to which all equipment is fitted.
     """
     parts = () if held is None else held.parts
     captured = isinstance(patient, CapturedActor)
@@ -136,7 +136,7 @@ def _fitted_stool(rng: np.random.Generator, patient: Actor | CapturedActor) -> t
     hips_m = bones[0, :3, :3] @ person.body.bone_heads[0] + bones[0, :3, 3]
     center = (min(float(hips_m[0] + 0.02), foremost_m), float(hips_m[2]))
     above = (np.abs(skin[:, 0] - center[0]) < 0.2) & (np.abs(skin[:, 2] - center[1]) < 0.2)
-    # only skin of these bones counts: the heels may be under the seat, and would lower the seat
+    # only skin of these bones counts, since heels under the seat would lower the seat
     above &= np.isin(np.array(person.body.asset.bone_names)[person.body.asset.main_bone()], SEAT_BONES)
     return build_stool(rng, center, float(skin[above, 1].min()) + 0.01)
 

@@ -1,4 +1,4 @@
-"""Find when and where the feet of a captured movement stand, step and rise, and keep standing feet still.
+"""Find when and where the feet of a captured movement stand, step and leave the floor, and keep standing feet still.
 
 A Kinect v2 records ankle movements of centimetres even while a foot stands still. A standing foot is therefore kept in
 one place, a rising heel turns about the ball of the foot, and only a foot that clearly leaves the floor moves freely.
@@ -15,13 +15,13 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m; a captured ankle that rises by less than this counts as standing: the rise is noise
-CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` is set to 0; a rise this far above ``WAVER_M`` is kept in full
-# m; if an ankle rises and travels by less than these distances, only the heel has left the floor
+WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; so small a rise is noise
+CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` becomes 0; a rise at least this much above ``WAVER_M`` is unchanged
+# m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
 SHORTEST_STAND_S: Final = 0.25  # s, minimum time for which a standing foot stays in one place
-SAME_PLACE_M: Final = 0.08  # m; a foot that comes down within this distance of its former place has not moved
+SAME_PLACE_M: Final = 0.08  # m, maximum distance between two places of a foot that count as the same place
 EASE_S: Final = 0.15  # s, duration of the transitions between standing and stepping
 YAW_LIMIT: Final = 0.5  # rad, maximum angle of a standing foot from straight ahead, to the left or right
 
@@ -60,7 +60,7 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
     on the floor.
     """
     floor = np.percentile(height_m, 10.0, axis=0)
-    # a foot that is in the air in all rows does not show the floor's height, so the other foot's is used
+    # a foot that is always in the air does not show the floor's height, so that of the other foot is used
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
@@ -79,7 +79,8 @@ def _spans(chosen: np.ndarray) -> Spans:
 
 
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
-    """Return the spans of rows in which a foot stands. Spans at one place are merged if the foot stays down in between.
+    """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays down
+    between them.
 
     ankle_m (n, 3), lift_m (n,): ankle and height of one foot.
     """

@@ -56,9 +56,10 @@ class Hold:
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """Return the time at which the joints to hold are farthest ``outward``, that is, nearest to the therapist.
+    """Return the time at which the joints that the therapist holds are farthest ``outward``, so nearest to the
+    therapist.
 
-    A therapist whose place suits this time has enough space to stand at all times, since these joints never come
+    A therapist's place that has enough space at this time has enough space at all times, since these joints never come
     nearer.
     """
     joints_m = np.array([patient.person.body.joints(bones) for bones in patient.bones(times_s)])

@@ -1,6 +1,6 @@
 """Imitate librealsense's post-processing of depth: decimation, spatial and temporal smoothing.
 
-Both smoothing filters work on disparity and blend only values that differ by less than a threshold. Source: Intel
+Both smoothing filters work on disparity. They blend only values that differ by less than a threshold. Source: Intel
 RealSense SDK 2.0, post-processing filters (spatial: Gastal and Oliveira 2011, doi:10.1145/1964921.1964964).
 """
 
@@ -18,13 +18,13 @@ from anchorpose.simulate.sensor import SensorSpec, sense
 HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one pixel of the image
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
-SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the rest
-JOINED_PX: Final = 25.0  # pixels; greater steps of disparity, only found at objects within 1.1 m, are not smoothed
+SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the remaining weight
+JOINED_PX: Final = 25.0  # pixels, maximum step of disparity that is smoothed; greater steps occur only within 1.1 m
 PASSES: Final = 2  # number of passes of the spatial filter
-FILLED_PX: Final = 16  # pixels; up to this far into a gap, the filter fills in the last value before the gap
+FILLED_PX: Final = 16  # pixels, maximum distance into a gap that is filled with the last value before the gap
 STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
 TEMPORAL: Final = 0.4  # weight of the newest frame; the blend of earlier frames has the remaining weight
-STILL_PX: Final = 0.6  # pixels of disparity; a pixel that changes by more is not smoothed over time
+STILL_PX: Final = 0.6  # pixels of disparity, maximum change of a pixel that is smoothed over time
 MEMORY: Final = 4  # number of frames that are blended; older frames would have a weight below a tenth
 
 

@@ -28,11 +28,11 @@ MOVEMENTS: Final = {
 """Name of each movement of the data set, and its number in the names of the clips."""
 
 STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-raise"})
-"""Movements that need space in front of the patient and beside the patient."""
+"""Movements for which the patient needs space in front and at both sides."""
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
-LOST_M_S: Final = 8.0  # m/s; a captured ankle or wrist that is faster than this was lost by the Kinect's tracking
+LOST_M_S: Final = 8.0  # m/s, maximum speed of a captured ankle or wrist; if faster, the Kinect has lost it
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist",

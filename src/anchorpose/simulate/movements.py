@@ -1,4 +1,6 @@
-"""Define the motions of a patient in stand training: each adds random offsets to some channels (``timeline``)."""
+"""Define the motions of a patient in stand training. Each motion adds random offsets to some channels
+(``timeline``).
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ STRAIGHT_ELBOW = 0.15  # rad, elbow flexion of stretched arms
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The circumstances that limit the sizes of motions."""
+    """The circumstances that limit how large motions may be."""
 
     leg_m: float  # length of the patient's leg
     in_frame: bool  # whether the patient stands in a frame, whose bars limit motions

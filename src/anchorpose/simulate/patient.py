@@ -30,15 +30,15 @@ from anchorpose.simulate.timeline import (
     yaw_towards,
 )
 
-FARTHEST_FORWARD_M = 0.3  # m; if the feet are farther forward than this, the next steps lead backward
+FARTHEST_FORWARD_M = 0.3  # m, maximum forward position of the feet; beyond it, the next steps lead backward
 SWAY_M = 0.005  # m, maximum amplitude of each sinusoid of the pelvis's sway
 TREMOR_RAD = 0.004  # rad, maximum amplitude of each sinusoid of the arms' tremor
 PALM_ABOVE_BONE_M = 0.018  # m, distance from the hand's bone to the skin of the palm
 GRIP_TILT_RAD = 0.5  # rad, angle by which the fingers of a hand on a rail point downward
 WRIST_TO_GRIP_M = 0.06  # m, distance from the wrist to the point of the hand that lies on the rail
 SIT_CHANCE = 0.4  # probability that a patient with a stool begins or ends a mixed series of motions on the stool
-LONG_AGO_S = -100.0  # s, start of a movement that is already complete when the recording begins
-OUTSIDE_M = 2.4  # m; a patient who walks out of the front camera's view goes this far from the place of training
+LONG_AGO_S = -100.0  # s, start time for movements that are already complete when the recording begins
+OUTSIDE_M = 2.4  # m, distance from the place of training to which a patient walks who leaves the front camera's view
 STANCE_M = 0.26  # m, distance between the feet
 WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
@@ -192,8 +192,8 @@ def _first_stance(rng: np.random.Generator, person: Person) -> Footwork:
 def _draw_sitting(
     rng: np.random.Generator, config: SimulationConfig, person: Person
 ) -> tuple[float, float, list[Movement]]:
-    """Draw whether the patient stands up from a seat, sits down, or only stands. Return start and end (s) of the time
-    in which the patient stands, and the movements.
+    """Draw whether the patient stands up from a seat, sits down, or only stands. Return the start and end (s) of
+    standing, and the movements.
     """
     named = "sit-to-stand" in config.motions
     possible = named or ("mixed" in config.motions and config.stool and config.equipment == "none")
@@ -236,7 +236,7 @@ def _draw_steps(
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # go back: ten minutes of forward steps would take the patient to the camera
+        stride_m = -stride_m  # backward, since ten minutes of forward steps would lead to the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace

@@ -1,4 +1,4 @@
-"""Draw one simulated person: a body that the tracker's shape space does not exactly contain, in clothes that fold."""
+"""Draw one simulated person: a body that is not exactly in the tracker's shape space, in clothes with folds."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divide
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
 MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
-# standard deviation of the logarithm of the gap between skin and clothes; wavelengths of the gap, in wavelengths of
-# folds. Learnt with a prior of 20 mm, offsets of skin patches were 5 mm (root mean square) in a simulated recording
-# without such gaps, 14 mm in two simulated recordings with gaps, and 17 mm in twelve real recordings, which include
-# coarser sensors and other bodies.
+# Standard deviation of the logarithm of the gap between skin and clothes; wavelength of the gap, in wavelengths of
+# folds. The offsets of skin patches that tracking learns with a prior of 20 mm had these root mean squares: 5 mm in a
+# simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and 17 mm in twelve real
+# recordings, which include coarser sensors and other bodies.
 GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
@@ -156,7 +156,7 @@ def draw_other_person(
 
 
 def _draw_plain(rng: np.random.Generator, config: OtherBody, clothing_m: float, height_m: float | None) -> Person:
-    """Draw a person whose segments ``draw_other_person`` then changes, and to whom it adds belly, braces and shoes."""
+    """Draw a person before the changes that ``draw_other_person`` makes: scaled segments, belly, braces and shoes."""
     if config.file is not None:
         body = read_rigged_body(config.file)
         body = body if height_m is None else to_height(body, height_m)
@@ -212,7 +212,7 @@ def _stature_m(asset: BodyAsset, coefficients: np.ndarray) -> float:
 
 
 def _stature_gain_m(asset: BodyAsset) -> float:
-    """Return the metres of height that one unit of the first shape coefficient adds."""
+    """Return the height in metres that one unit of the first shape coefficient adds to a body."""
     step = np.zeros(asset.shape_count)
     step[0] = 1.0
     return _stature_m(asset, step) - _stature_m(asset, 0.0 * step)
@@ -252,7 +252,7 @@ def _draw_clothes(rng: np.random.Generator, asset: BodyAsset, amplitude_m: float
 
 
 def _smooth(vertices: np.ndarray, waves: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Return (v,) a sum of waves over the skin at rest, with variance 1, within two standard deviations."""
+    """Return (v,) a sum of waves over the skin at rest, with variance 1 and clipped to two standard deviations."""
     return np.clip(np.sqrt(2.0 / len(phase)) * np.sin(vertices @ waves.T + phase).sum(axis=1), -2.0, 2.0)
 
 
@@ -310,6 +310,6 @@ def _height_m(folds: _Folds, place: np.ndarray, cover: np.float32, gap: np.float
         argument = folds.waves[k, 0] * place[0] + folds.waves[k, 1] * place[1] + folds.waves[k, 2] * place[2]
         wave += np.sin(argument + folds.phase[k] + folds.bend_gain[k] * bent)
     scale = np.float32(np.sqrt(2.0 / len(folds.phase)))
-    # tight clothes get lower folds, so that nearly all cloth lies above the skin
+    # tight clothes have lower folds, so that nearly all cloth lies above the skin
     fold = np.float32(FOLD_HEIGHT) * min(gap, np.float32(1.0)) * scale * wave
     return float(folds.amplitude_m * cover * (np.float32(MEAN_HEIGHT) * gap + fold))

@@ -1,8 +1,8 @@
 """Represent a posture over time in anatomical terms, and compute the rotations of the bones.
 
-Side 0 is left, side 1 is right. Angles are radians from upright standing with arms that hang down, thumbs forward. Feet
-are placed first, and the legs reach for them by two-bone inverse kinematics; so a standing foot does not move with the
-trunk. Arms follow their angles; an arm that holds something is pulled towards a target.
+Side 0 is left, side 1 is right. Angles are radians from upright standing with arms that hang down, thumbs forward. The
+feet are placed first, and two-bone inverse kinematics then places the legs, so a standing foot does not move with the
+trunk. Arms follow their angles, but an arm that holds something is pulled towards a target.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
 FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb defines no plane
-STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; the bend is then 0.2 degrees
-HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height in which a straightening leg gradually limits the height
-SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # share of the trunk's bend that each bone takes
-NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # share of the head's bend that each bone takes
+STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; at this reach, it is 0.2 degrees
+HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height over which the limit by a straight leg sets in gradually
+SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # each bone's share of the trunk's bend
+NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # each bone's share of the head's bend
 CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
-# m, the length of an upper arm. If an arm holds something, its elbow bends towards a point this far behind the place
-# that the elbow would have otherwise, since elbows are behind hands that hold rails beside the hips
+# m, about the length of an upper arm. The elbow of an arm that holds something bends towards a point this far behind
+# the place that the elbow would have otherwise, since people who hold rails beside the hips have their elbows behind
+# the hands.
 ELBOW_BEHIND_M = 0.3
 
 
@@ -67,7 +68,9 @@ class Posture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLimb:
-    """Two bones of a limb in the rest pose: their directions and lengths, and the axis and bend of the middle joint."""
+    """The two bones of a limb in the rest pose: directions and lengths of the bones, axis and bend of the joint between
+    them.
+    """
 
     first: np.ndarray
     second: np.ndarray

@@ -37,7 +37,7 @@ class Reader:
         return spoilt_mm(rng, self.spoil, image, self.shiny, reading)
 
     def keep(self, frame: int, reading_mm: np.ndarray) -> None:
-        """Keep a depth image as it was before smoothing: the recorder smooths the next frames with it."""
+        """Keep a depth image as it was before smoothing, since the recorder uses it to smooth the next frames."""
         self.recent[frame] = reading_mm
         for old in [number for number in self.recent if number <= frame - MEMORY]:
             del self.recent[old]

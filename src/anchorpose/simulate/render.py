@@ -1,4 +1,5 @@
-"""Render noise-free depth images: the room once, by rays; the people in every frame, by a depth buffer.
+"""Render noise-free depth images. The room is rendered once, by rays; people are rendered in every frame, by a depth
+buffer.
 
 A depth buffer draws the 27,000 triangles of a body in a few milliseconds. Rays would need a search tree over the
 triangles, which takes tens of milliseconds.
@@ -81,7 +82,7 @@ def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) 
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
-    """Return a direction per pixel, (height * width, 3) float32 world; its part along the optical axis has length 1.
+    """Return a direction per pixel, (height * width, 3) float32 world; its component along the optical axis is 1.
 
     A pixel outside the lens's valid radius has no ray and gets the direction of the optical axis.
     """
@@ -95,8 +96,8 @@ def first_hits(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each ray the first triangle that it hits, the distance (unit: the direction's length) and the normal.
 
-    The triangle is an index, -1 = none; the normal (n, 3) is the triangle's, not of unit length, 0 = none. origins_m,
-    directions (n, 3), triangles (m, 3, 3): float32 world metres.
+    The triangle is an index, -1 = no triangle. The normal (n, 3) of the triangle does not have unit length; 0 = no
+    triangle. origins_m, directions (n, 3), triangles (m, 3, 3): float32 world metres.
     """
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
@@ -114,8 +115,8 @@ def first_hits(
 def _draw(
     points: np.ndarray, faces: np.ndarray, face_part: np.ndarray, label: int, lens: Lens, image: TrueImage
 ) -> None:
-    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. The lens bends edges, but they are drawn
-    straight, because triangles are small.
+    """Draw faces into a depth buffer; points (v, 3): in the camera's frame. Edges are drawn straight although the lens
+    bends them, since triangles are small.
     """
     for f in range(len(faces)):
         _draw_face(points, faces[f], face_part[f], label, lens, image)

@@ -1,4 +1,6 @@
-"""Transfer a captured movement to another body: the subject's segment directions, the patient's segment lengths."""
+"""Transfer a captured movement to another body. The result has the subject's segment directions and the patient's
+segment lengths.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg / its length; at this reac
 PELVIS_S: Final = 0.06  # s, standard deviation of the Gaussian that smooths the path of the pelvis
 KNEE_SHOWS_M: Final = 0.05  # m; a knee this far from the line from hip to ankle points in the captured direction
 AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
-TOES_DOWN_RAD: Final = 0.25  # rad, downward pitch of a foot that hangs from an upright shank
+TOES_DOWN_RAD: Final = 0.25  # rad, downward pitch of a foot in the air below an upright shank
 FINGERS_RAD: Final = 0.25  # rad, curl of the fingers
 
 _UP_RIGHT: Final = orthonormal_frame(UP, RIGHT)
@@ -167,7 +169,7 @@ def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but lower none below half of ``STEP_HEIGHT_M``."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``."""
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)

@@ -26,7 +26,7 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to their direction in the asset's rest pose, each with the bone that begins where it ends."""
+"""Bones that are turned to their direction in the asset's rest pose, each with the bone that begins at its end."""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:

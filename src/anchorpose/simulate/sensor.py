@@ -21,9 +21,9 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # factor on the axial noise that was measured on white targets. The factor is 2, since clothes, skin and floors
-    # return a quarter of the light that a white target returns, and a time-of-flight camera's noise is proportional to
-    # the inverse square root of the returned light
+    # Factor on the axial noise that was measured on white targets. Clothes, skin and floors return a quarter of the
+    # light that a white target returns, and a time-of-flight camera's noise is proportional to the inverse square root
+    # of the returned light, so the factor is 2.
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
@@ -150,17 +150,17 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
 }
 """Model, coefficients and valid radius of each imitated lens."""
 
-# m; a pixel is at an edge if the depths around it differ by this much more than the surface's slope explains
+# m; minimum difference of the depths around a pixel at an edge, beyond the difference that the surface's slope explains
 EDGE_STEP_M = 0.03
-SLOPE_ALLOWANCE = 4.0  # factor on the depth change per pixel of a slope: 3 x 3 pixels span 2, times 2 as a margin
+SLOPE_ALLOWANCE = 4.0  # factor on a slope's depth change per pixel: 3 x 3 pixels span 2 steps, times 2 as a margin
 DROPOUT = 0.003  # probability that a pixel, at an edge or elsewhere, has no reading
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of one of its neighbours
 FLYING = 0.22  # probability that an edge pixel has a depth between the near and the far surface
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
 GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) that gives a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
-SPECKLE_DEVIATIONS = 2.7  # noise beyond this number of standard deviations makes stereo matching fail
-JOINED_M = 0.1  # m; ARKit smooths depth steps smaller than this, unless the colour image shows an edge
+SPECKLE_DEVIATIONS = 2.7  # standard deviations of noise above which stereo matching fails
+JOINED_M = 0.1  # m; ARKit smooths depth steps below this value, unless the colour image shows an edge
 
 
 def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:

@@ -25,7 +25,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
-# m; skin whose depth differs by less than this from the depth in its pixel is seen; a pixel is 7 mm wide at 2.5 m
+# m; maximum difference between the depth of seen skin and the depth in its pixel; a pixel is 7 mm wide at 2.5 m
 SAME_SKIN_M: Final = 0.03
 
 
@@ -37,12 +37,12 @@ class Shot:
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
     seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
-    behind_passers: float  # share of the patient's pixels that people passing by hide, maximum over the cameras
+    behind_passers: float  # share of the patient's pixels that passers-by hide, maximum over the cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
-    """A clinic with all that is computed once, before the images of its frames."""
+    """A clinic, with everything that is computed once before the images of its frames."""
 
     clinic: Clinic
     stills: tuple[TrueImage, ...]  # one per camera: the empty room
@@ -208,7 +208,7 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return for each joint (21,) which share of the skin around it that faces the camera is not hidden.
+    """Return, for each joint (21,), the seen share of the skin around it that faces the camera.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
     skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.

@@ -1,4 +1,4 @@
-"""Draw the people around the patient: therapists, who walk in, hold the patient and leave; and people who pass by."""
+"""Draw the people around the patient: therapists, who walk in, hold the patient and leave; and passers-by."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows
 FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
 LOWEST_PELVIS_M = 0.30  # m, minimum height above the floor of the pelvis of a therapist who crouches
-# rad, added to the bend of finger joints: fingers are curled in the rest pose, and lie flat on skin with this
+# rad, change of the bend of finger joints that lays the fingers, which are curled in the rest pose, flat on skin
 FLATTENING = -0.45
 HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far from its goal
 
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
-BESIDE_M = 3.2  # m from each end of a passer-by's path to the point where the path crosses the line of sight
+BESIDE_M = 3.2  # m, distance from each end of a passer-by's path to its crossing with the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
 CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
 HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by crosses the line of sight, as a share of the recording
@@ -64,7 +64,7 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down; a therapist cannot lean or crouch far enough to follow
+        # a patient with a captured movement may sit down, and no therapist can lean or crouch far enough to follow
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:

@@ -11,9 +11,9 @@ from anchorpose.body.contact_regions import REGIONS, region_of_skin
 from anchorpose.simulate.clinic import Clinic, Performance
 from anchorpose.simulate.render import Figure
 
-TOUCH_M: Final = 0.03  # m; the skin of two people is in contact if it is at most this far apart
+TOUCH_M: Final = 0.03  # m, maximum distance between the skin of two people in contact
 JOINT_REGION_M: Final = 0.12  # m; a joint counts as touched if skin within this distance of the joint is touched
-# m; skin this near to a rigid surface is in contact with it; folds of clothes are about as high (``clothing_m``)
+# m, maximum distance of skin from a rigid surface in contact; folds of clothes are about as high (``clothing_m``)
 EQUIPMENT_TOUCH_M: Final = 0.01
 
 

@@ -1,4 +1,4 @@
-"""Write a simulated recording with the images that its recorder keeps, and the truth about it."""
+"""Write a simulated recording, with the images that its recorder keeps, and the recording's truth."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
 PNG_COMPRESSION: Final = 2  # level; noise hardly compresses: a higher level triples the time and saves 3 % of the size
-PASSER_HIDES: Final = 0.25  # a frame is occluded if people passing by hide more than this share of the patient's pixels
+PASSER_HIDES: Final = 0.25  # maximum share of the patient's pixels that passers-by hide in a frame that is not occluded
 JITTER_LIMIT: Final = 0.4  # maximum jitter as a share of the frame period; above 0.5, stamps could change their order
-JITTER_SPREADS: Final = 2.0  # number of standard deviations at which the jitter's normal distribution is cut off
+JITTER_SPREADS: Final = 2.0  # standard deviations at which the jitter's normal distribution is cut off
 
 
 def simulate_recording(
@@ -73,7 +73,7 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     _write_documents(recording, clinic)
     studio, records = set_up(clinic), tuple(draw_record(clinic, index) for index in range(config.cameras))
     for index, camera in enumerate(clinic.cameras):
-        if clinic.scene is None:  # cluttered rooms have no background.png: real rooms are hardly ever emptied
+        if clinic.scene is None:  # cluttered rooms have no background.png, since real rooms are hardly ever emptied
             _write_png(recording / camera.name / "background.png", studio.background_mm(index))
         _write_stamps(recording / camera.name / "timestamps.csv", records[index])
     patient_pixels, contacts, seen, behind = [], [], [], []
@@ -128,7 +128,8 @@ class Sight:
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
-    """Write the truth with which tracking is compared: t frames, those of the first camera; places in world metres.
+    """Write the truth with which tracking is compared. Its t frames are the frames of the first camera; places are in
+    metres, world.
 
     occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera.
     In addition to the keys of the file format, the file has these arrays (n other people):
@@ -141,7 +142,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none
     - clock_late, clock_drift, clock_epoch (cameras,): an image with stamp s was taken at (s - epoch) + late +
       drift * (s - epoch), seconds
-    - taken_s (cameras, t): when the image of that number on the disk was taken, NaN if there is none
+    - taken_s (cameras, t): time at which the image of that number on the disk was taken, NaN if it is missing
     - doubled (cameras, t): whether the image on the disk repeats an earlier image
     - camera_to_world (cameras, 4, 4): only for cluttered rooms, equal to T_world_camera
     - only for sessions, the arrays of ``truth_arrays``, and touched_regions (t, n, regions), named by region_names:
@@ -193,7 +194,9 @@ class Record:
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:
-    """Draw which images camera ``index`` writes. The first camera writes all, since the truth has a row for each."""
+    """Draw which images camera ``index`` writes. The first camera writes all of its images, since the truth has a row
+    for each.
+    """
     config = clinic.config
     nominal_s, taken_s = np.arange(config.frames) / config.fps, clinic.true_times_s(index)
     kept = _kept(clinic, index, nominal_s)

@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 DEPTH_CAMERA: Final = "CALIBRATION_CameraLocationD0"
 MODEL: Final = "CALIBRATION_LensDistortionModelBrownConrady"
-"""The only lens model that is read; its formula is the formula of OpenCV's rational model. Only early internal devices
+"""Name of the only lens model that is read. It has the formula of OpenCV's rational model. Only early internal devices
 of the maker had other models.
 """
 SENSOR_PX: Final = 1024
-"""Width and height of the sensor; the SDK, too, refuses the calibration of a sensor of another size."""
+"""Width and height of the sensor in pixels. Calibrations of sensors of another size are refused, as by the SDK."""
 FOCAL: Final = (0.25, 1.0)
-"""Limits of the focal length, divided by the sensor's width; a value beyond them shows that the file is damaged.
-Without distortion, the lower limit gives 127 degrees of view and the upper 53. The maker states 120 for its lens, which
-has distortion; a real file has 0.493.
+"""Limits of the focal length, divided by the sensor's width; a value beyond them shows that the file is damaged. For a
+lens without distortion, the lower limit means a field of view of 127 degrees, the upper limit 53 degrees. The maker
+states 120 for its lens, which has distortion; a real file has 0.493.
 """
 
 
@@ -216,11 +216,11 @@ class AzureKinectFile:
                 self.left_out += 1
 
     def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Yield the packets except those with a damaged time: later than the time of the next packet, or not later than
-        the time of the previous packet.
+        """Yield the packets, but leave out packets with a damaged time: a time that is later than the next packet's, or
+        not later than the previous packet's.
 
-        A packet is yielded only when the next packet is known: otherwise, after a single time that is far too late, all
-        other packets would seem too early.
+        A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
+        yielded, and all packets after it would seem too early.
         """
         held: Packet | None = None
         held_time = before = -1
@@ -268,7 +268,9 @@ def _opened(path: Path) -> Iterator[InputContainer]:
 
 
 def _depth_track(path: Path, container: InputContainer) -> tuple[VideoStream, DepthMode]:
-    """Return the depth track and its mode, by the images' size; raises InputError if a tag states another mode."""
+    """Return the depth track, and its mode according to the images' size; raises InputError if a tag states another
+    mode.
+    """
     stream = next((video for video in container.streams.video if video.metadata.get("title") == "DEPTH"), None)
     if stream is None:
         raise InputError(

@@ -26,7 +26,8 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# bytes, maximum size of an unpacked message: a hundred times the usual size; a damaged file may state any size
+# Maximum size of an unpacked message in bytes, a hundred times the usual size. Larger sizes are refused, since a
+# damaged file may state any size.
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # field "op" of each kind of record in ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
@@ -77,7 +78,7 @@ class BagFile(ABC):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Return all topics of the file; several publishers on one topic are one channel."""
+        """Return all topics of the file, one channel per topic, even if several publishers use the topic."""
         return tuple(dict.fromkeys(self._channels.values()))
 
     @property
@@ -332,7 +333,7 @@ def _damaged(error: Exception) -> DamagedBag:
     """Convert a library's error to DamagedBag; an error of the disk or a MissingPackage is raised again."""
     if isinstance(error, DamagedBag):
         return error
-    # a damaged bz2 stream raises OSError without errno, a position outside the file OSError with EINVAL
+    # a damaged bz2 stream raises OSError without errno, and a position outside the file raises OSError with EINVAL
     of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     if of_the_disk or isinstance(error, MissingPackage):
         raise error

@@ -39,8 +39,8 @@ BLOCKS: Final = 16  # number of hashed blocks of a large file; the sensor noise 
 
 SMALL: Final = 65536  # maximum size in bytes of a text file that is hashed whole
 LISTED: Final = 200
-"""Maximum number of text files in a folder that are hashed whole. Comparing sizes would not show every change:
-correcting a lens may leave a file's size unchanged.
+"""Maximum number of text files in a folder that are hashed whole. Sizes alone would not show every change; for example,
+correcting a lens may leave the size of a file unchanged.
 """
 
 TEXTS: Final = {".json", ".txt", ".csv", ".yaml", ".yml"}
@@ -83,8 +83,8 @@ def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
 
 
 def is_untouched(folder: Path) -> bool:
-    """Return whether a folder with a conversion.json has only files that the conversion wrote, as far as file names and
-    the content of recording.json show. Such a folder can be converted again without losing anyone's work.
+    """Return whether, according to file names and the content of recording.json, a folder with a conversion.json has
+    only files that the conversion wrote. Such a folder can be converted again without loss of a user's work.
     """
     for file in folder.iterdir():
         of_camera = file.is_dir() and {inner.name for inner in file.iterdir()} <= {"depth", "timestamps.csv"}
@@ -176,7 +176,7 @@ def _convert(
         else:
             notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
             _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the input files cause this error, so resuming the conversion would not help
+    if refusal is not None:  # the input files cause this error, so the user is not advised to resume
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
@@ -283,7 +283,9 @@ def _json(document: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DirectInput:
-    """The input of a command, and the recording to use for it. ready: False if the input must be converted first."""
+    """The input of a command, and the path of the recording to use. ready: False if the input must be converted
+    first.
+    """
 
     given: Path
     recording: Path
@@ -291,9 +293,9 @@ class DirectInput:
 
 
 def look_at(path: Path) -> DirectInput:
-    """Find the recording to use for the path that a user gave: the path itself if it is a recording or no reader
-    recognises it (``open_recording`` then reports the problem), otherwise the conversion of the path, which lies beside
-    it.
+    """Find the recording to use for the path that a user gave. It is the path itself if the path is a recording, or if
+    no reader recognises it (``open_recording`` then reports the problem). Otherwise it is the path's conversion, which
+    lies beside the path.
 
     An earlier conversion beside the path that was made from other content or by another version is removed. Raises
     InputError if files in that conversion were added or changed since, or if the conversion's name is taken by a link,

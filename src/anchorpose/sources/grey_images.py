@@ -22,11 +22,11 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-# metres per grey value, with which 16 bits reach to 16, 33 and 65 m; at such distances, depth cameras measure in
-# coarser steps
+# Possible metres per grey value: 16 bits then reach to 16, 33 and 65 m. At such distances, depth cameras measure in
+# coarser steps.
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
-_SPARE: Final = 1.25  # factor by which readings of later images may exceed the largest reading of the first image
+_SPARE: Final = 1.25  # maximum ratio of later images' readings to the largest reading of the first image
 GREY_M: Final = _SCALES[0]
 """Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. This scale
 represents readings of up to 16.4 m, and rounds them by at most an eighth of a millimetre.
@@ -35,8 +35,8 @@ represents readings of up to 16.4 m, and rounds them by at most an eighth of a m
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image file, on disk or in an archive. time_s: time on the device's clock or, if times are unknown, the
-    image's number.
+    """A depth image file, on disk or in an archive. time_s: time of the image on the device's clock, or the image's
+    number if times are unknown.
     """
 
     path: Path
@@ -181,7 +181,7 @@ def scale_of(metres: np.ndarray) -> float | None:
 
 def grey_of_metres(metres: np.ndarray, scale: float) -> tuple[np.ndarray, int]:
     """Convert metres (height, width) to grey values uint16, 0 = no reading; also return the number of readings that are
-    too far for the scale, which become 0.
+    too far for the scale; they become 0.
     """
     with np.errstate(invalid="ignore"):
         grey = np.round(metres.astype(np.float64) / scale)

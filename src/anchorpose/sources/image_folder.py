@@ -44,8 +44,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
 
-# m, minimum median of an image's readings for their unit to be metres; readings in millimetres have a median beyond
-# ``FARTHEST_M``
+# Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
+# exceeds the maximum ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -146,13 +146,13 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-# maximum number of a folder's images that are tested; one of these must be 16-bit grey, while others may be colour
-# images
+# Maximum number of images of a folder that are tested. At least one must be 16-bit grey; the others may be colour
+# images.
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
-"""Minimum and maximum time in s between two images of a depth camera; numbers in file names are not taken as times if
-their median difference is less or more.
+"""Minimum and maximum time in s between two images of a depth camera. If the median difference of the numbers in file
+names is outside these limits, the numbers are not times.
 """
 
 
@@ -212,7 +212,9 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
-    """Return ``camera`` completed by the sidecar ``given``; raises InputError if the sidecar states another size."""
+    """Return ``camera`` completed by the sidecar ``given``; raises InputError if the sidecar states another image
+    size.
+    """
     for name, own, said in (("width", camera.width, given.width), ("height", camera.height, given.height)):
         if said is not None and said != own:
             raise InputError(path, f"{name} is {said}, the images have {own}", "correct the number")

@@ -1,7 +1,7 @@
 """Read depth images from a MATLAB file of level 5 (MathWorks, "MAT-File Format"), compressed or not.
 
-The array must have the shape (height, width, images), and hold uint16 or metres. scipy's reader is not used: it trusts
-the tags (type and size) of the file's elements, and a single damaged byte in a tag made the process crash.
+The array must have the shape (height, width, images), and hold uint16 or metres. scipy's reader is not used, since it
+trusts the tags (type and size) of the file's elements: a single damaged byte in a tag crashed the process.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HEADER_BYTES: Final = 128
 _ORDER_AT: Final = slice(126, 128)  # bytes of the header that state the byte order
 _INT8, _INT32, _UINT32, _MATRIX, _COMPRESSED = 1, 5, 6, 14, 15
 _STORED: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""Types of stored numbers, by their codes; MATLAB stores an array in the smallest type that holds its values."""
+"""Types in which numbers are stored, by code; MATLAB stores an array in the smallest type that holds its values."""
 
 _CLASSES: Final = {6: "f8", 7: "f4", 11: "u2"}
 """Classes of arrays that can be depth, by their codes: double, single and uint16."""
@@ -37,8 +37,8 @@ _HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a compressed ar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatArray:
-    """An array whose values are not read yet. dtype: type of its values; order: byte order of the file; content: the
-    array's bytes in the file, which are compressed or not.
+    """An array whose values have not been read yet. dtype: type of its values; order: byte order of the file; content:
+    the array's bytes in the file, compressed or uncompressed.
     """
 
     name: str

@@ -45,7 +45,7 @@ from anchorpose.sources.source import (
     read_matrix,
 )
 
-VIDEO: Final = (1920, 1440)  # pixels, size of these devices' colour image; the principal point must be near its middle
+VIDEO: Final = (1920, 1440)  # pixels, size of these devices' colour image; the principal point must be near the middle
 
 # maximum distance of the principal point from the middle, as a share of the image's size; real lenses have up to 0.02
 OFF_CENTRE: Final = 0.1
@@ -126,7 +126,7 @@ def _odometry(path: Path) -> tuple[dict[int, float], np.ndarray]:
         try:
             time_s, number, *position = (float(cells[place]) for place in places)
         except (ValueError, IndexError):
-            continue  # the image of this row gets no time, and counts as left out
+            continue  # the image of this row has no time, so it counts as left out
         if math.isfinite(time_s) and number == number // 1:
             times[int(number)] = time_s
             positions.append(position)
@@ -141,7 +141,7 @@ def _is_record3d(path: Path, head: bytes) -> bool:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except _DAMAGE:
-        return path.suffix.lower() == ".r3d"  # recognise a damaged zip too, so that opening it reports the damage
+        return path.suffix.lower() == ".r3d"  # a damaged zip is recognised, too; opening it then reports the damage
     return "metadata" in names and any(name.startswith("rgbd/") for name in names)
 
 
@@ -237,7 +237,7 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packing incompressible data adds some bytes
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packed data can be some bytes larger
     except (lzfse.error, *_DAMAGE) as error:
         if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damage (a negative position)
             raise

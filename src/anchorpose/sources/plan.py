@@ -101,7 +101,7 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
 
 
 def _text(value: str) -> str:
-    """Return a device's name or number up to its first null character, where the vendors' programs end such a text."""
+    """Return a device's name or number up to the first null character, which ends texts in the vendors' programs."""
     return value.partition("\0")[0]
 
 
@@ -113,7 +113,7 @@ def _lens(camera: SourceCamera, options: ConvertOptions) -> Intrinsics | None:
 
 
 def _incomplete(source: Source, camera: SourceCamera, options: ConvertOptions) -> InputError:
-    """Return an error that names all missing information, and for each piece of information the option to give it."""
+    """Return an error that names each piece of missing information, with the option by which the user can give it."""
     missing = list[tuple[str, str]]()
     if _lens(camera, options) is None:
         missing.append(("the lens", "--intrinsics fx,fy,cx,cy in pixels"))
@@ -152,8 +152,8 @@ def folder_name(text: str) -> str:
 def _poses_of_one_world(
     cameras: tuple[tuple[CameraPlan, ...], ...], options: ConvertOptions
 ) -> tuple[tuple[tuple[CameraPlan, ...], ...], tuple[str, ...]]:
-    """Leave out the poses if they do not place all cameras in one world (different inputs have different worlds), or if
-    the images are mirrored; return the cameras, and notes.
+    """Return the cameras, and notes. The cameras' poses are left out if they do not place all cameras in one world
+    (different inputs have different worlds), or if the images are mirrored.
     """
     placed = [any(plan.camera.T_world_camera is not None for plan in own) for own in cameras]
     whole = all(plan.camera.T_world_camera is not None for own in cameras for plan in own)
@@ -182,8 +182,9 @@ def turn_image(grey: np.ndarray, degrees: int, mirror: bool) -> np.ndarray:
 
 
 def can_turn(lens: Intrinsics, degrees: int) -> bool:
-    """Return whether OpenCV's model can describe the lens of the turned image. A quarter turn would exchange the order
-    of the two axes about which the sensor is tilted, so the model can describe it only if the sensor is not tilted.
+    """Return whether OpenCV's model can describe the lens of the turned image. A quarter turn exchanges the order of
+    the two axes about which the sensor is tilted, so the model can describe the turned lens only if the sensor is not
+    tilted.
     """
     return QUARTERS[degrees] % 2 == 0 or not any(lens.distortion[12:14])
 
@@ -275,7 +276,7 @@ class CameraWriter:
         previous image is left out, and None is returned.
 
         time_s: time on the device's clock, or the image's number if times are unknown; number: the number for the
-        image's file name, larger than the previous number; it is given if the source states which images were lost.
+        image's file name, larger than the previous number; sources that state which images were lost give it.
         """
         number = self.given if number is None else number
         self.given = number + 1
@@ -315,8 +316,8 @@ class CameraWriter:
 def encode_grey(grey: np.ndarray) -> bytes:
     """Return a PNG file of grey values (height, width) uint16.
 
-    The compression uses only Huffman coding and runs of equal bytes. A search for other repeated sequences would double
-    the time of encoding, and noisy depth images have no such sequences.
+    The compression uses only Huffman coding and runs of equal bytes. Noisy depth images have no other repeated
+    sequences, and a search for them would double the time of encoding.
     """
     import cv2
 

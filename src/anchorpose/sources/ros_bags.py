@@ -106,7 +106,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # if not, this camera's image was damaged and is counted already
+                    if camera in waiting:  # else its image was damaged and is counted already
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)
@@ -166,6 +166,6 @@ COUNTED: Final = {
     "without stamp": "{} depth images of {} have no time stamp: the time of their receipt is used.",
     "too far": "{} readings of {} are farther than its grey values reach: no reading.",
 }
-"""Note for each kind of problem: the number of images or readings and the camera's name are filled in."""
+"""Template of the note on each kind of problem; the number of images or readings and the camera's name are inserted."""
 
 READERS: Final = (Reader(matches, open_source),)

@@ -1,7 +1,7 @@
 """Decode the ROS messages that a depth recording needs: ROS 1's serialization and ROS 2's CDR.
 
-Only fields of the published definitions are read (docs.ros.org, sensor_msgs and tf2_msgs), not the definitions that a
-bag embeds: the embedded definitions of Orbbec and RealSense lack fields of their messages.
+Fields are read according to the published definitions (docs.ros.org, sensor_msgs and tf2_msgs). The definitions that a
+bag embeds are not used, since those of Orbbec and RealSense lack fields of their messages.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from anchorpose.sources.source import NO_READING, SourceCamera
 INTEGERS: Final = frozenset({"16UC1", "mono16", "Z16", "z16"})  # encodings of depth as 16-bit whole numbers
 METRES: Final = "32FC1"  # encoding of depth as floats in metres
 _PNG: Final = b"\x89PNG"
-_HEADER: Final = 12  # number of bytes of the header that compressed_depth_image_transport adds: format, two parameters
+_HEADER: Final = 12  # bytes, size of the header that compressed_depth_image_transport adds: format and two parameters
 T = TypeVar("T")
 IMAGE = "sensor_msgs/Image"
 COMPRESSED = "sensor_msgs/CompressedImage"
 READ_BY_HAND = "convert with --intrinsics fx,fy,cx,cy"
-"""The remedy in notes if a file has no usable lens."""
+"""Remedy that notes state if a file has no usable lens."""
 
 RECORD_AGAIN = "copy it again from where it was recorded, or record again"
-"""The remedy in messages if a file is damaged."""
+"""Remedy that error messages state if a file is damaged."""
 
 
 class MessageFields:
@@ -89,8 +89,8 @@ class MessageFields:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMessage:
-    """A ``sensor_msgs/Image``. step: bytes per row; reader: gives the fields that only vendors' messages have, after
-    the image.
+    """A ``sensor_msgs/Image``. step: bytes per row; reader: the reader of the same message, positioned after the image,
+    where vendors add their own fields.
     """
 
     stamp_ns: int
@@ -277,7 +277,7 @@ class DepthStream:
 
 @dataclass(frozen=True, slots=True)
 class Streams:
-    """The depth streams found in a bag, and sentences on how they were chosen."""
+    """The depth streams found in a bag, and notes (sentences) on how they were chosen."""
 
     streams: tuple[DepthStream, ...]
     notes: tuple[str, ...]

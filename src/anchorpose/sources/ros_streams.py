@@ -38,12 +38,12 @@ from anchorpose.sources.source import SourceCamera
 
 _INFO: Final = "sensor_msgs/CameraInfo"
 _MOVED: Final = frozenset({"registered", "aligned", "rgb", "color", "hd", "qhd"})
-"""Words in the names of topics whose depth was converted to the colour camera's view (registered). The conversion loses
-some readings.
+"""Words by which the name of a topic shows that depth was converted to the colour camera's view (registered). This
+conversion loses some readings.
 """
 _RECTIFIED: Final = frozenset({"rect", "rectified"})
 _OF_DEPTH: Final = _MOVED | _RECTIFIED | {"depth", "image", "raw", "to", "compressed", "compresseddepth", "sd"}
-"""Words in the name of a topic that describe the kind of its images, not their camera."""
+"""Words that, in the name of a topic, describe the kind of its images and not their camera."""
 _LONGEST_NAME: Final = 60  # maximum number of characters of a camera's name
 
 _MODELS: Final = {
@@ -56,7 +56,7 @@ _LARGEST: Final = 1e6  # maximum absolute value of a lens parameter, and of a co
 _SHORTEST_PX: Final = 1.0  # minimum focal length
 _TOPIC: Final = "/tf_static"
 _WORLDS: Final = frozenset({"world", "map", "odom"})  # names of fixed coordinate frames
-_LONGEST: Final = 100  # maximum number of transforms from a camera to its world; a damaged file may have a cycle
+_LONGEST: Final = 100  # maximum number of transforms from a camera to its world, since a damaged file may have a cycle
 T_WORLD_ROS: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
 """Rotation (4, 4) from the world of ROS (REP 103: x forward, z up) to this project's world (x forward, y up)."""
 
@@ -79,8 +79,8 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return a sort key, lowest for the topic that is closest to the sensor's own images: not registered to the
-        colour image, in whole numbers, not rectified, not compressed.
+        """Return a sort key. It is lowest for the topic whose images are closest to the sensor's raw images: not
+        registered to the colour image, in whole numbers, not rectified, not compressed.
         """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
@@ -184,8 +184,8 @@ def find_streams(bag: Bag, path: Path) -> Streams:
 
 
 def _candidates(bag: Bag, notes: list[str]) -> list[_Candidate]:
-    """List the topics that have "depth" in their name and images in an encoding of depth. The encoding alone does not
-    identify depth, since infrared images have the same encodings.
+    """List the topics whose name contains "depth" and whose images have an encoding of depth. The encoding alone does
+    not identify depth, since infrared images have the same encodings.
     """
     candidates = []
     for channel in bag.channels:
@@ -254,15 +254,15 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     if known is LensModel.BROWN_CONRADY and len(D) == 4:
         D = (*D, 0.0)
     if known is LensModel.BROWN_CONRADY and len(D) in COEFFICIENTS[LensModel.RATIONAL]:
-        known = LensModel.RATIONAL  # some drivers give eight coefficients but name the model of five
+        known = LensModel.RATIONAL  # some drivers give eight coefficients but the model name for five
     if known is None or len(D) not in COEFFICIENTS[known]:
         return Lens(None, f"its lens model {model!r} with {len(D)} coefficients is not known")
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
 
 
 def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Convert fx, fy, cx, cy of the full image to the values for the published images, which show a region of the full
-    image with binned pixels.
+    """Convert fx, fy, cx, cy of the full image to the values for the published images, which may show only a region of
+    the full image, with binned pixels.
 
     Half pixels are added because the centre of a binned pixel lies between the centres of its parts.
     """

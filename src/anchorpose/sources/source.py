@@ -20,7 +20,7 @@ from anchorpose.recording.regular_file import open_regular
 
 MILLIMETRE_M: Final = 0.001
 
-NO_READING: Final = 65535  # grey value that, like 0, means no reading: the surface was too far or too near
+NO_READING: Final = 65535  # grey value that means no reading, as 0 does: the surface was too far or too near
 
 # m, maximum movement of a camera that stands still; the estimated position of a phone on a tripod drifts by some mm
 STANDS_STILL_M: Final = 0.03
@@ -42,10 +42,10 @@ HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a file by which 
 class SourceCamera:
     """One depth camera of a recorder's file, as far as the file describes it.
 
-    name: for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the file has
-    no lens; T_world_camera: (4, 4), None if the file has no pose; model and serial: of the device, empty if unknown;
-    count: number of depth images, None if only reading the whole file would show it; has_times: False if the file only
-    numbers the images.
+    name: name for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the
+    file has no lens; T_world_camera: (4, 4), None if the file has no pose; model and serial: of the device, empty if
+    unknown; count: number of depth images, None if only reading the whole file would show it; has_times: False if the
+    file only numbers the images.
     """
 
     name: str
@@ -64,7 +64,7 @@ class SourceCamera:
 class SourceFrame:
     """One depth image. camera: index of its camera in ``Source.cameras``. time_s: time on the device's clock, to the
     microsecond; if the camera has no times, the image's number. depth (height, width) uint16, native byte order: grey
-    values as in the file, with 0 in place of 65535 and NaN; 0 = no reading.
+    values as in the file, 0 = no reading; 65535 and NaN of the file are converted to 0.
     """
 
     camera: int
@@ -109,8 +109,8 @@ class Reader:
 
 
 def movement_note(positions_m: np.ndarray) -> tuple[str, ...]:
-    """Return a sentence if the positions ``positions_m`` (n, 3) over time show that the camera was moved, else nothing;
-    a NaN row is an unknown position.
+    """Return one sentence if the camera's positions over time, ``positions_m`` (n, 3), show that the camera was moved,
+    else no sentence. A row of NaN is an unknown position.
     """
     known = positions_m[np.isfinite(positions_m).all(axis=1)]
     if len(known) == 0:
@@ -131,7 +131,7 @@ def find_reader(path: Path) -> Reader | None:
     try:
         head = b"" if path.is_dir() else _head(path)
         refused = _vendors_own(path, head)
-        if refused is not None:  # tested first: a ZED's .svo2 is an MCAP file, which ros_bags would accept
+        if refused is not None:  # tested before the readers, since ros_bags would accept a ZED's .svo2, an MCAP file
             raise InputError(path, *refused)
         modules = (import_module(f"anchorpose.sources.{name}") for name in MODULES)
         return next((reader for each in modules for reader in each.READERS if reader.matches(path, head)), None)

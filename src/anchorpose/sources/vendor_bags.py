@@ -1,15 +1,15 @@
 """Read recordings of RealSense's and Orbbec's software: bags with message types that only these vendors use.
 
-RealSense writes ROS 1 bags, and ROS 2 databases since version 2.58 of librealsense. Their layout is known from its
-public sources (ros_file_format.h, ros_writer.cpp) and from files that its recorder wrote. The unit of depth is an
-option of the camera. In databases, the header of an image has the time of the recorder's clock; the device's time is in
-a text message that follows the image.
+RealSense writes ROS 1 bags, and ROS 2 databases since version 2.58 of librealsense. Their layout is known from
+librealsense's public sources (ros_file_format.h, ros_writer.cpp) and from files that its recorder wrote. The unit of
+depth is an option of the camera. In databases, the header of an image has the time of the recorder's clock; the
+device's time is in a text message that follows the image.
 
 Orbbec writes ROS 1 bags (OrbbecSDK_v2, public sources under MIT). The message definitions that the bag embeds lack
 fields of the image messages, so ROS's tools refuse the bag. Lens and serial number are written when recording ends. SDK
 2.3 writes the fields of an image in another order than SDK 2.4 and later versions. SDK 1 records with a library without
-public sources: all that is known is that the message definitions in its files use a type that ROS does not have
-(OrbbecSDK issue 195), and that the lens in its files is unreliable (pyorbbecsdk issue 176).
+public sources. About its files, only two facts are known: the message definitions use a type that ROS does not have
+(OrbbecSDK issue 195), and the lens is unreliable (pyorbbecsdk issue 176).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from anchorpose.sources.source import MILLIMETRE_M, SourceCamera
 
 _DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
 _MODELS: Final = {"Brown Conrady": "plumb_bob", "Kannala Brandt4": "equidistant"}
-_OWN_FIELDS: Final = "1"  # frame_id of an image if the depth unit follows the image in the message
+_OWN_FIELDS: Final = "1"  # frame_id that marks images whose depth unit follows the image in the message
 
 
 def find_realsense(bag: Bag, path: Path) -> Streams | None:
@@ -128,7 +128,7 @@ def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...],
     if not may_be_a_lens((fx, fy, cx, cy), D):
         return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
-        D = D[:4]  # this model has four coefficients, but five are written for every model
+        D = D[:4]  # this model has four coefficients, but the file always has five
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
 
 
@@ -255,7 +255,7 @@ def _properties(bag: Bag) -> dict[int, bytes]:
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
     """Raise InputError if the images are disparity, not depth. Stereo cameras record disparity if the computer, not the
-    camera, converts it to depth.
+    camera, converts disparity to depth.
     """
     stereo = any(channel.topic == _DISPARITY for channel in bag.channels)
     if stereo and not any(properties.get(_DISPARITY_TO_ORBBEC_DEPTH, b"")):

@@ -32,15 +32,16 @@ are the axes of the lower joint.
 """
 
 DIRECTION_ERROR_RAD: Final = 0.07
-"""Standard deviation of the error of a segment's tracked direction (four degrees). In twelve real recordings, the
-direction of the thigh was off by 2.7 degrees in the median recording and by 4.8 in the worst.
+"""Standard deviation in rad of the error of a segment's tracked direction (four degrees). In twelve real recordings,
+the thigh's direction had an error of 2.7 degrees in the median recording, and of 4.8 in the worst.
 """
 
 GRAVITY_M_S2: Final = 9.81
 
 SMOOTHING_S: Final = 0.1
 """Standard deviation in s of the kernel that smooths both joints and sensor signals. Tracked joints jitter by some
-millimetres between frames, which two derivatives turn into metres per second squared; after smoothing, 0.1 m/s2 remain.
+millimetres between frames. In the second derivative, this jitter would be some metres per second squared; after
+smoothing, it is 0.1 m/s2.
 """
 
 
@@ -65,12 +66,12 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """Return a part of the sigma, in s, of a clock offset found from the movement between ``from_s`` and ``to_s``: the
-    part due to errors of the segment's direction.
+    """Return the sigma in s that errors of the segment's direction cause in a clock offset, if the offset is found from
+    the movement between ``from_s`` and ``to_s``.
 
-    A segment that is tracked too far forward seems early while it moves forward, and late while it moves back. In a
-    movement forward and back, these errors of the offset cancel. The errors remain only if the last posture differs
-    from the first, for example after sitting down. The result is NaN if the segment's direction is unknown.
+    If a segment is tracked too far forward, its movement forward seems early and its movement back seems late. In a
+    movement forward and back, these two errors of the offset cancel. They remain only if the last posture differs from
+    the first, for example after sitting down. The result is NaN if the segment's direction is unknown.
     """
     time_s, _, axes = _motion(joints, segment)
     along = axes[(time_s >= from_s) & (time_s <= to_s)][:, :, 1]

@@ -1,8 +1,9 @@
 """Find the clock of an inertial sensor: compare its signals with the tracked movement of the segment it is strapped to.
 
-The sensor's orientation on the segment (its mounting) is unknown. So at each time offset that is tried (lag), the
-rotation that best maps the sensor's axes to the segment's axes is found (Schönemann 1966, doi:10.1007/BF02289451); the
-correlation then does not depend on the mounting. The sensor's axes may be left-handed, and a single axis is enough.
+The sensor's orientation on the segment (its mounting) is unknown. So for each time offset that is tried (lag), the
+program first finds the rotation that best maps the sensor's axes to the segment's axes (Schönemann 1966,
+doi:10.1007/BF02289451). The correlation after this rotation does not depend on the mounting. The sensor's axes may be
+left-handed, and a single axis is enough.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from anchorpose.agreement.clock import (
 )
 
 LEAST_DRIFT_S: Final = 60.0
-"""Minimum common time in s of both signals for which the drift is fitted. For a shorter time, the prior of the drift
-(100 parts in a million) is more precise than the fit, since offsets are known to 5 ms.
+"""Minimum common time in s of both signals for which the drift is fitted. In a shorter time, the drift's prior (100
+parts in a million) is more precise than a fit, since offsets are known only to 5 ms.
 """
 
 LEAST_OVERLAP_S: Final = 1.5
@@ -38,14 +39,14 @@ a different one. In four real recordings of 2.5 to 5 s, the correlation with the
 """
 
 LARGEST_MISFIT: Final = 0.7
-"""Maximum of ``_mean_misfit`` of accelerations if the common time is below ``SHORT_S``. Rotated signals of a different
-movement may correlate, but then gravity seldom has the right direction and size. In fourteen real recordings, the
-misfit of the right sensor file was 0.15 to 0.67.
+"""Maximum of ``_mean_misfit`` of accelerations if the common time is below ``SHORT_S``. After rotation, the signals of
+a different movement may correlate by chance, but gravity then seldom has the right direction and size. In fourteen real
+recordings, the misfit of the right sensor file was 0.15 to 0.67.
 """
 
 SENSOR_SIGMA_S: Final = 0.01
-"""Sigma in s that the movement of skin and muscle under a sensor adds to the offset: the accelerometer and the
-gyroscope of one sensor on the thigh gave clocks 10 ms apart, although each was certain within 8 ms.
+"""Sigma in s of the offset's error due to the movement of skin and muscle under a sensor. The accelerometer and the
+gyroscope of one sensor on the thigh gave offsets 10 ms apart, although each offset was certain to within 8 ms.
 """
 
 ROUNDS: Final = 3

@@ -11,18 +11,18 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.recording.recording import nearest_within
 
 MOST_PULSES: Final = 1000
-"""Maximum number of pulses in a file. With more, the signal does not consist of pulses, or its pulses trigger a camera
+"""Maximum number of pulses in a file. A signal with more pulses is not a pulse signal, or its pulses trigger a camera
 at even intervals, so that many offsets match.
 """
 
 LEAST_PULSES: Final = 3
-"""Minimum number of matched pulses if the offset is unknown: two pulses in one file are often, by chance, as far apart
-as two pulses in the other file.
+"""Minimum number of matched pulses if the offset is unknown. Two would be too few: by chance, two pulses in one file
+are often as far apart as two pulses in the other.
 """
 
 ANCHORS: Final = 20
-"""Number of onsets on the recording's clock that are each paired with every onset of the other file, to get the offsets
-to try. A single onset would not suffice, since its pulse may be missing in the other file.
+"""Number of onsets on the recording's clock from which offsets to try are computed: each is paired with every onset of
+the other file. A single onset would not suffice, since its pulse may be missing in the other file.
 """
 
 TOLERANCE_S: Final = 0.02
@@ -39,7 +39,9 @@ too evenly spaced to decide between the two offsets.
 """
 
 LEAST_SIGMA_S: Final = 0.001
-"""Minimum standard deviation of an onset in s: the value for a random time between two samples at 300 Hz."""
+"""Minimum standard deviation of an onset in s. The value is the error of an onset at a random time between two samples
+at 300 Hz.
+"""
 
 ROUNDS: Final = 5
 """Number of rounds in which the clock's drift and the sigma of the onsets are fitted in turn."""
@@ -99,8 +101,8 @@ def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | N
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return (c, 2), one row per offset to try: the offset, which is an onset on the other clock minus an onset on the
-    recording's clock; and the onset on the recording's clock, which is the time at which the offset holds.
+    """Return the offsets to try (c, 2). The first column is the offset: an onset on the other clock minus an onset on
+    the recording's clock. The second is this onset on the recording's clock, the time at which the offset holds.
     """
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
     tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])

@@ -108,7 +108,7 @@ def checked(path: Path, stream: Stream) -> Stream:
 
 
 def distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names, with a number after each name that occurred before."""
+    """Return the names, all different: a number is added to each name that has occurred before."""
     found = list[str]()
     for name in names:
         others = (f"{name} {number}" for number in count(2))

@@ -31,7 +31,7 @@ MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """The ways in which a clock can be found, as clock.json states them."""
 
 STAMP_SIGMA_S: Final = 0.02
-"""Sigma in s of an image's time stamp: an image is stamped when it arrives, 10 to 50 ms after it was taken."""
+"""Sigma in s of an image's time stamp, since an image is stamped when it arrives, 10 to 50 ms after it was taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,4 +197,4 @@ WAYS: Final[dict[str, Way]] = {
     "pulses": _by_pulses,
     "stamps": _by_stamps,
 }
-"""For each option that selects a comparison: the function that makes it."""
+"""The function that compares the clocks, by the option that selects this comparison."""

@@ -1,5 +1,5 @@
-"""Write how the other device's clock relates to the recording's clock; joints and events with times on the other clock;
-and the other device's signals at the times of the joints.
+"""Write the result of a synchronisation: the relation between both clocks, joints and events with times on the other
+clock, and the other device's signals at the times of the joints.
 """
 
 from __future__ import annotations

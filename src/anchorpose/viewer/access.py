@@ -1,5 +1,5 @@
-"""Control the access to a page's server: only the page that this program opened may use it, with a limited number of
-connections.
+"""Control the access to a page's server. Only the page that this program opened may use the server, with a limited
+number of connections.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class Guard:
     """The rule that decides which requests are served.
 
     The token must be the first part of every path. If the server listens on loopback, the Host header must also be a
-    loopback name: a request from another site whose name points to this machine (DNS rebinding) has the name of that
-    site in the header. A request that changes something must come from the page.
+    loopback name. This refuses requests from another site whose name points to this machine (DNS rebinding), since
+    their header has the name of that site. A request that changes data must come from the page.
     """
 
     token: str
@@ -43,8 +43,8 @@ class Guard:
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request that changes something was made by the page of this server: browsers state the
-        origin of a request. They send JSON from another site's page only if the server permits it, and this server
+        """Return whether a request that changes data was made by the page of this server, according to the origin that
+        the browser states. Browsers send JSON from another site's page only if the server permits it, and this server
         never does.
         """
         origin, host = headers.get("Origin"), headers.get("Host", "")
@@ -88,8 +88,8 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. If there are too many, the oldest connection that has not sent the token is closed, so that
-    a new connection can be opened.
+    """The open connections. If too many are open, the oldest connection that has not sent the token is closed to make
+    space for a new connection.
     """
 
     def __init__(self) -> None:
@@ -97,8 +97,8 @@ class Connections:
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Return whether there is space for a connection from the address ``client``; if so, the connection is counted
-        from now on.
+        """Return whether a connection from the address ``client`` is allowed; if so, the connection is counted from now
+        on.
         """
         with self._changed:
             while full := self._in_the_way(client):
@@ -121,8 +121,8 @@ class Connections:
             self._changed.notify_all()
 
     def _in_the_way(self, client: str) -> list[_Connection]:
-        """Return an empty list if there is space for a new connection from ``client``; otherwise the open connections,
-        one of which must be closed first.
+        """Return an empty list if a new connection from ``client`` is allowed. Otherwise return the open connections of
+        which one must be closed first.
         """
         if len(self._open) >= MOST:
             return self._open

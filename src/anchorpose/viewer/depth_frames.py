@@ -32,8 +32,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# number of pixels on each side from which the slope at a pixel is computed (both sides: about 5 cm at 2 m); with fewer
-# pixels, noise would be visible
+# Number of pixels on each side from which the slope at a pixel is computed; both sides together are about 5 cm wide at
+# 2 m. With fewer pixels, noise would be visible.
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
@@ -43,8 +43,8 @@ _LIGHT: Final = np.array(
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the brightness (height, width) uint8, 255 = facing the light; only for display, so that points do not look
-    flat.
+    """Return the brightness (height, width) uint8, 255 = facing the light. It is only for display, where it shows the
+    shape of surfaces.
 
     depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
     """
@@ -70,7 +70,9 @@ UNLABELLED: Final = 255
 """Label of all pixels of results without a people.parquet."""
 
 ROOM_STEP: Final = 3
-"""Step in rows and columns at which pixels of the room are sent to the page, which is fine enough for orientation."""
+"""Step, in rows and columns, between the pixels of the room that are sent to the page; so many pixels suffice for
+orientation.
+"""
 
 UNLABELLED_STEP: Final = 2
 """Step in rows and columns at which pixels of images without person labels are sent, since most of these pixels show
@@ -238,7 +240,7 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     coarse_first = np.argsort(_fineness(row, column), kind="stable")
     row, column = row[coarse_first], column[coarse_first]
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # only this part is shaded, to save time
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading only this part saves time
     lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
     look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
     return np.column_stack([column, row, grey, look]).astype(np.uint16)

@@ -30,7 +30,7 @@ from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
 MOST_BYTES: Final = 64 * 1024  # bytes, maximum content of a request; a correction has some hundred bytes
 IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
-PATIENCE_S: Final = 120.0  # s; if a browser reads nothing of an answer for this time, it counts as disconnected
+PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time counts as disconnected
 
 
 BYTES: Final = "application/octet-stream"
@@ -79,7 +79,7 @@ class GuardedServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # number of connections that may wait to be accepted; if more wait, a browser tries again after a second
+    # Maximum number of connections that wait to be accepted. Beyond it, a browser tries again after a second.
     request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]
@@ -100,7 +100,7 @@ class GuardedServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Return the address with the token, which every request must carry."""
-        everywhere = self.host in ("0.0.0.0", "::")  # a browser can open neither of these
+        everywhere = self.host in ("0.0.0.0", "::")  # addresses that a browser cannot open
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
@@ -148,7 +148,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         raise NotImplementedError
 
     def do_POST(self) -> None:
-        """Answer a request that changes something: only the page itself may send it, with a JSON object."""
+        """Answer a request that changes data. Only the page itself may send such a request, with a JSON object."""
         name = self.admitted()
         if name is None:
             return
@@ -191,7 +191,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
         """Send a refusal with a sentence, and end the connection."""
-        self.close_connection = True  # else unread content of this request would be taken for the next request
+        self.close_connection = True  # else unread content of this request would count as the next request
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
     def send(self, status: HTTPStatus, response: Response) -> None:
@@ -201,7 +201,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers. more: headers in addition to those that every answer has."""
+        """Send status and headers. more: headers in addition to the headers of every answer."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():
@@ -220,7 +220,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
         return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing: the address, with its token, must not be logged."""
+        """Log nothing, since the address contains the token, which must not be logged."""
 
 
 def _object(text: bytes) -> dict[str, Any]:
@@ -232,8 +232,8 @@ def _object(text: bytes) -> dict[str, Any]:
 
 @cache
 def load_assets() -> dict[str, Response]:
-    """Return the files of the pages by their names in the address. The files are read beforehand, so no part of an
-    address ever becomes a path on the disk.
+    """Return the files of the pages by their names in the address. All files are read in advance, so no part of a
+    requested address is used as a path on the disk.
     """
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 

@@ -1,5 +1,5 @@
-"""Compute, in a separate process, where each node of the patient's surface may be in the next frame (its hypotheses).
-This takes some seconds to a minute, so hypotheses are computed only if the user asks for them.
+"""Compute, in a separate process, the hypotheses of each node of the patient's surface: its possible places in the next
+frame. This takes some seconds to a minute, so hypotheses are computed only if the user asks for them.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class HypothesisWorker:
         context = multiprocessing.get_context("spawn")  # forking would copy locks that threads of the server hold
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # so that ``cancel`` finds either a started process or no process
+        with self._lock:  # so that ``cancel`` finds a started process or none
             process.start()
             self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)

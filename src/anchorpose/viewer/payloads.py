@@ -1,5 +1,5 @@
-"""Pack the data that the page fetches as bytes: an overview of all frames; tables, points and surfaces of a few frames
-per request; the body.
+"""Pack data for the page as bytes. The page fetches an overview of all frames, the body, and the tables, points and
+surfaces of a few frames per request.
 
 Arrays are sent together: first a short JSON head with each array's position, then the arrays.
 """
@@ -23,7 +23,7 @@ from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
 MAGIC: Final = b"APV1"
-ALIGNED: Final = 8  # bytes; a browser's typed array must begin at a multiple of its item size
+ALIGNED: Final = 8  # bytes; each array begins at a multiple of this number, as browsers' typed arrays require
 
 TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float64")
 
@@ -110,7 +110,7 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
-    """Return the angle curves of the frames from row ``first`` on, with no more points than a screen shows.
+    """Return the angle curves of the frames from row ``first`` on, thinned to as many points as a screen can show.
 
     Points are ordered by angle, then by time. start (a + 1,) int32: where each angle's points begin. row (m,) int32:
     row of each point in the results; degrees and sigma (m,) float32, state (m,) uint8: the values in that row.
@@ -135,8 +135,7 @@ INTERVALS: Final = 800
 
 KEPT: Final = 5
 """Maximum number of frames kept per interval and angle: the frames with the smallest value, the largest value, the
-largest sigma, the first unknown angle and the first inferred angle. So no peak, no gap and no inferred frame
-disappears.
+largest sigma, the first unknown angle and the first inferred angle. So every peak, gap and inferred part stays visible.
 """
 
 
@@ -217,8 +216,8 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-# number of bones that move each vertex of the body in the page; the use of all bones would shift a vertex by at most 5
-# mm
+# Maximum number of bones that move a vertex of the body on the page. With all bones, a vertex would be elsewhere by at
+# most 5 mm.
 INFLUENCES: Final = 4
 
 

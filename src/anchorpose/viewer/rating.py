@@ -39,7 +39,7 @@ from anchorpose.viewer.review import Review, describe_scene, locked, open_review
 from anchorpose.viewer.server import ReviewApi, ReviewServer
 
 APART_S: Final = 1.0
-"""Time in s between two trials on the clock of the page, which must increase. Nothing is played across this gap."""
+"""Gap in s between two trials on the clock of the page, whose times must increase. The gap is not played."""
 
 SEED_BITS: Final = 32
 
@@ -94,7 +94,7 @@ def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
 
 
 class ScoreFile:
-    """A writer of scores to one rater's file. The file is locked and read again for each score. If it does not exist,
+    """A writer of one rater's scores. For each score, the rater's file is locked and read again. If it does not exist,
     it is made with a random order of the trials.
 
     Raises InputError if the file cannot be used, or is about another session or rater.

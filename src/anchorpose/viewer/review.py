@@ -223,8 +223,8 @@ def _lost(lost: np.ndarray) -> str:
 
 
 PATIENCE_S: Final = 10.0
-"""Maximum waiting time in s for the lock. A change takes milliseconds, so a program that holds the lock this long is
-stuck.
+"""Maximum waiting time in s for the lock. A change takes milliseconds, so a program that holds the lock for so long has
+stopped working.
 """
 
 POLL_S: Final = 0.005
@@ -232,7 +232,8 @@ POLL_S: Final = 0.005
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep out other threads and programs that lock the same file until the block ends.
+    """Hold the lock of a file until the block ends, so that other threads and programs that lock the same file must
+    wait.
 
     The operating system holds the lock, so a program that crashes leaves no lock behind; the empty lock file stays.
     Raises InputError if another program holds the lock for ``PATIENCE_S``, or if no lock is possible.
@@ -255,8 +256,8 @@ def locked(path: Path) -> Iterator[None]:
 class CorrectionFile:
     """A file of corrections to which entries are added and from which they are withdrawn.
 
-    The file is locked and read again for each change, so that several viewers can work on it at once. initial: the
-    corrections that are valid while the file does not exist. The first change writes these corrections to the file,
+    For each change, the file is locked and read again, so that several viewers can change it at the same time. initial:
+    the corrections that are valid while the file does not exist. The first change writes these corrections to the file,
     too, so that corrections from an earlier review, with which the results were tracked, are kept. Raises InputError if
     the file cannot be used, or is about another recording or other camera poses.
     """

@@ -47,7 +47,7 @@ class ReviewApi:
         return self._get[name](query)
 
     def post(self, name: str, body: dict[str, Any]) -> Response:
-        """Answer a request that changes something; body: its JSON object."""
+        """Answer a request that changes data; body: its JSON object."""
         return self._post[name](body)
 
     def close(self) -> None:
@@ -143,7 +143,7 @@ class ReviewServer(GuardedServer):
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # set first, since ``server_close`` uses it, and is called if listening fails
+        self.api = api  # set first, since ``server_close``, which is called if listening fails, uses it
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:

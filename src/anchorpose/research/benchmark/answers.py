@@ -28,10 +28,10 @@ JOINTS: Final = {"recording": pa.string(), "frame": pa.int64(), "joint": pa.stri
 MATCHES: Final = {"task": pa.string(), "pair": pa.string(), "node": pa.int64(), "match": pa.int64()}
 OPTIONAL: Final = "sigma_m"
 MAY_BE_EMPTY: Final = frozenset((*PLACE, OPTIONAL, "match"))
-FARTHEST_M: Final = 100.0  # m; no room is as large as this, so a greater coordinate must have been given in millimetres
+FARTHEST_M: Final = 100.0  # m, maximum coordinate; no room is as large, so greater coordinates must be in millimetres
 NO_ROW, NO_MATCH = -2, -1
-"""Values in ``Answers.matches``. ``NO_ROW``: the answers have no row for a node; ``NO_MATCH``: they state that a node
-has no match.
+"""Values in ``Answers.matches``. ``NO_ROW``: the answers have no row for the node; ``NO_MATCH``: the answers state that
+the node has no match.
 """
 
 
@@ -53,7 +53,7 @@ class Answers:
     # by task and name of the pair of frames, (n,) int64: for each node of the first frame, its match among the nodes of
     # the second frame, ``NO_MATCH`` or ``NO_ROW``
     matches: Mapping[tuple[str, str], np.ndarray]
-    elsewhere: int  # number of rows of the answers about recordings that are not in the benchmark folder
+    elsewhere: int  # number of rows about recordings that are not in the benchmark folder
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
@@ -181,7 +181,7 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 
 
 def check_places(path: Path, place_m: np.ndarray) -> None:
-    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor wholly empty (NaN)."""
+    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor completely missing (NaN)."""
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
     _refuse(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)

@@ -14,13 +14,13 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square, whose median depth is taken as the skin's depth
+PATCH_PX: Final = 3  # pixels from a label to the sides of a square; the median depth in it counts as the skin's depth
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Joints that clothes hide. Two labellers placed them by the body's proportions and differed by up to 12 cm."""
+"""Joints that clothes hide. Two labellers placed them by the body's proportions; their labels differ by up to 12 cm."""
 DEEP_M: Final = 0.10  # m, distance from the trunk's seen skin to its axis, which lies behind the skin
 
 
@@ -29,7 +29,7 @@ class LabelledPerson:
     """The labels of one person in one frame."""
 
     person: str
-    plain: bool  # in plain view: head and more than half of the trunk are seen
+    plain: bool  # whether in plain view: head and more than half of the trunk are seen
     box: tuple[float, float, float, float]  # box around the person: first column, first row, last column, last row
     joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
     unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
@@ -87,8 +87,8 @@ def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.
 
 
 def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each labelled joint, the distance (m) from label to tracked joint without its part along the line of
-    sight.
+    """Return, for each labelled joint, the distance (m) of the tracked joint from the label, perpendicular to the line
+    of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
     behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.
@@ -101,7 +101,8 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
 
 
 def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, camera: Camera) -> dict[str, np.ndarray]:
-    """Return, for each labelled joint, how far the tracked joint is right of, below and behind the label: (3,) metres.
+    """Return, for each labelled joint, the position of the tracked joint relative to the label: to the right, down and
+    behind, (3,) metres.
 
     joints_m (21, 3): tracked joints, world. A lost joint gives NaN. The label is taken as a point on the skin. Joints
     of ``BY_PROPORTION``, and labels without a depth reading, are left out.
@@ -119,7 +120,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each joint except ``BY_PROPORTION``, how far apart (m) two labellers set their labels."""
+    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels."""
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)

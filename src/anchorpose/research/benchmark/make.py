@@ -58,7 +58,7 @@ class Benchmark:
 
     folder: Path
     groups: tuple[Group, ...]  # groups (all recordings of a seed) that are complete in the folder
-    other_bytes: tuple[str, ...]  # one sentence for each recording whose fingerprint differs from ``reference``
+    other_bytes: tuple[str, ...]  # a sentence for each recording whose fingerprint differs from ``reference``
 
 
 def make_benchmark(
@@ -66,7 +66,7 @@ def make_benchmark(
 ) -> Benchmark:
     """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
 
-    Recordings that an earlier run has finished are kept, so a call with a finished benchmark only checks it.
+    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only checks the benchmark.
 
     Raises InputError if the folder is not empty and is not a benchmark of this version.
     """
@@ -123,7 +123,9 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings, true joints, nodes and, in the format of answers, their true matches."""
+    """Make all files of one seed: recordings, true joints, nodes, and the nodes' true matches in the format of
+    answers.
+    """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
         simulate_recording(simulated, group.simulation)

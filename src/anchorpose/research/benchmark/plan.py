@@ -33,7 +33,9 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """A part of the benchmark: recordings to develop a method with, or recordings for the leader board's figures."""
+    """A part of the benchmark: recordings for developing a method, or recordings for the figures of the leader
+    board.
+    """
 
     DEVELOPMENT = "development"
     TEST = "test"
@@ -109,8 +111,8 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of single recordings, and of clinics, taken in the order of
-    their seeds.
+    """Return the groups of a part. at_most: maximum number of single recordings, and also of clinics; both are taken in
+    the order of their seeds.
     """
     single, clinic = SEEDS[part]
     return tuple(

@@ -27,7 +27,7 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
-    The error of a joint is its distance from a label without the part along the line of sight. The labels of both
+    The error of a joint is its distance from the label, perpendicular to the line of sight. The labels of both
     labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
     recording has labels.
     """

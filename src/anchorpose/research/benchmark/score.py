@@ -1,6 +1,6 @@
-"""Score answers task by task, and compare two sets of answers, question by question.
+"""Score answers by task, and compare two sets of answers by the questions that both answer.
 
-A missing answer counts as farther from the truth than any limit; the share of missing answers is also given.
+A missing answer counts as an error above every limit. The share of missing answers is reported, too.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RESAMPLES: Final = 2000  # number of resamples of the bootstrap over recordings
 
 
 class Asked(NamedTuple):
-    """The m questions of a task about one recording, and how they were answered.
+    """The m questions of a task about one recording, with their answers compared with the truth.
 
     A question is a node whose true place is seen in both frames of a pair, or a joint with a known truth in a frame.
     """
@@ -66,7 +66,7 @@ class Score:
 
     answers: Answers
     part: Part
-    other_bytes: tuple[str, ...]  # same meaning as in ``Benchmark``
+    other_bytes: tuple[str, ...]  # one sentence per recording with another fingerprint, as in ``Benchmark``
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group
 

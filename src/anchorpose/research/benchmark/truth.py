@@ -1,4 +1,4 @@
-"""Compute where the nodes of a frame truly are in another frame, and how far matches are from there along the skin."""
+"""Compute true places of a frame's nodes in another frame, and the distances of matches from them along the skin."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class PairTruth:
         """Return (n,): the distance along the skin of each match from the true place; NaN without a match, or if the
         true place is hidden or unknown.
 
-        match (n,): node of the second frame, negative = no match. The straight distance is returned if it is greater:
-        the distance along the skin may be too short, since both its ends are known only to the nearest vertex.
+        match (n,): node of the second frame, negative = no match. If the straight distance is greater, it is returned
+        instead: the distance along the skin may be too short, since its ends are known only to the nearest vertex.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]

@@ -52,7 +52,7 @@ def do(
     """Do all tasks without a result, several clips at a time; return a sentence for each clip that failed.
 
     after_s: seconds of computing that follow this part, which ``progress`` includes in the total. beside: a function
-    that is run as one more job, which starts first.
+    that runs at the same time, as an additional job, which starts first.
     """
     tasks = part.tasks()
     left_s = part.cost_s(tasks)

@@ -26,7 +26,8 @@ class Scene(StrEnum):
 
 
 class Form(StrEnum):
-    """A form of the paper's tracking framework. Forms differ in how the pose is computed from the matches of nodes.
+    """A form of the paper's tracking framework. In each form, the pose is computed from the matches of nodes in another
+    way.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
     rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
@@ -61,35 +62,36 @@ class Update(StrEnum):
 
 @settings
 class ExperimentConfig:
-    """The settings of an experiment. The default is the paper's: 20 recordings, six sizes of hole, the same frames for
-    all methods.
+    """The settings of an experiment. The defaults are the paper's settings: 20 recordings, six sizes of hole, the same
+    frames for all methods.
 
-    The frame rate of ten per second follows from the paper's samples: 200 samples (frames) contain slow and fast
-    movements of all limbs. 200 consecutive video frames cover too short a time for this, so the samples must be about a
-    tenth of a second apart.
+    The frame rate of ten per second is inferred from the paper: its 200 samples (frames) contain slow and fast
+    movements of all limbs. 200 consecutive frames of a video would be too short for this, so the samples must be about
+    a tenth of a second apart.
     """
 
     # first seed of the test recordings; each seed gives another body, other clothes and other movements
     first_seed: int = 501
-    recordings: Count = 20  # number of recordings; with 150 frames each, they have the paper's 3,000 frames
-    seconds: Positive = 15.0  # s, length of each recording of the paper's scene
+    recordings: Count = 20  # number of recordings; with 150 frames each, they have 3,000 frames, as in the paper
+    seconds: Positive = 15.0  # s, duration of each recording of the paper's scene
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # number of frames in a segment of a recording, one second by default; at the segment's start, methods are given the
-    # pose
+    # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
+    # pose.
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # number of segments per recording on which every method runs, drawn at random; the poses in their first frames are
-    # given, so the 20 recordings have 20 x 6 x 9 = 1,080 tracked frames
+    # Number of segments per recording on which every method runs, drawn at random. The pose in the first of their ten
+    # frames is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
     windows: Count = 2
-    # forms of the framework; forms without a fit to the surface run only with no hole and with the largest hole
+    # Forms of the framework that run. Forms without a fit to the surface run only without holes and with the largest
+    # hole.
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
-    scene_seconds: Positive = 6.0  # s, length of each recording of a scene other than the paper's
+    scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
     # also run variants of anchorpose's tracker that lack one component each, in scenes with a standing frame
     ablation: bool = True
@@ -125,7 +127,7 @@ class ExperimentConfig:
         return round(gap_s * self.fps)
 
     def segments_of(self, scene: Scene) -> int:
-        """Return the number of segments that methods run on in each simulated recording of a scene."""
+        """Return the number of segments on which methods run in each simulated recording of a scene."""
         seconds = self.seconds if scene is Scene.PAPER else self.scene_seconds
         return min(self.segments, round(seconds * self.fps) // self.segment_frames)
 
@@ -136,7 +138,7 @@ class ExperimentConfig:
 
 
 def quick() -> ExperimentConfig:
-    """Return a configuration that runs everything once on very little data, only to show that it runs.
+    """Return a configuration that runs every step once on very little data, only to show that the program works.
 
     The run takes five minutes.
     """

@@ -1,4 +1,4 @@
-"""Compute the true correspondence of simulated surfaces: where each node's point of the skin is in another frame."""
+"""Compute the true correspondence of simulated surfaces: the place, in another frame, of each node's skin point."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a skin point without a node within this distance is not seen
-ON_SKIN_M = 0.05  # m; a node farther than this from the skin is not on the patient
+SEEN_M = 0.025  # m, two node spacings; a skin point is seen if a node is within this distance
+ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
 SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
 
 REGIONS = {
@@ -36,7 +36,7 @@ LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region withou
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruePlaces:
-    """Where the points of the skin at the m nodes of one frame truly are in another frame."""
+    """The true places, in another frame, of the skin points that the m nodes of one frame show."""
 
     vertex: np.ndarray  # (m,), vertex of the skin nearest to the node
     place_m: np.ndarray  # (m, 3), position in the other frame, world; NaN if the node is not on the patient

@@ -12,7 +12,7 @@ from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}  # time per frame, as a multiple of the paper scene's
-USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework; matching (``Method.frame_ms``) is extra
+USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without matching (``Method.frame_ms``)
 USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
 MAKING: Final = 2.0  # time to simulate a frame and to make its reference by tracking, as a multiple of ``own_s``
 
@@ -31,7 +31,7 @@ class Costs:
         """Return the estimated seconds of a task on one core."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
-        # 40 is a guess: the number of frames of a real recording is unknown before it is opened
+        # 40 is a guess, since the number of frames of a real recording is unknown until it is opened
         frames = 40 if clip.simulation is None else clip.simulation.frames
         if task.kind is Kind.MATCHED:
             return factor * task.pairs * self.window_s[method.key]
@@ -50,8 +50,8 @@ class Costs:
 
 
 def _forms(config: ExperimentConfig) -> int:
-    """Return how often a method tracks one recording of the paper's scene: once per pair of a form and a size of hole
-    with which it runs.
+    """Return the number of times that a method tracks one recording of the paper's scene: once for each pair of a form
+    and a size of hole with which it runs.
     """
     ends = min(len(config.holes_m), 2)
     between = sum(form.refined for form in config.forms)

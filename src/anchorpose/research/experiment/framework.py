@@ -23,13 +23,14 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # m, unknown: once the body is set, only the search for anchors needs the patient's height
+NO_HEIGHT_M = np.nan  # m, unknown height: once the body is set, only the search for anchors would need it
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""Largest change of a node's distance to an anchor between two frames. The first part, for the anchor's jitter, is the
-paper's 5 cm. The second part, for noise of the surface, is a "linear function" in the paper, which gives no numbers.
+"""The paper's limit of the change of a node's distance to an anchor between two frames. Its first part is for the
+anchor's jitter, 5 cm as in the paper. Its second part is for noise of the surface, a "linear function" in the paper,
+which states no numbers.
 """
 
 
@@ -59,10 +60,10 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
-    """Return everything that is known before the first frame is tracked, with the configuration of ``paper_config``.
+    """Return all data that are known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last
-    pose: at so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
+    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last pose: at
+    so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -74,8 +75,8 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
     The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. The joints
-    of these earlier frames are given, too: as many as the prediction uses, but none from before the patient was last
-    lost.
+    of these earlier frames are given, too: as many as the prediction uses, but only from frames after the patient was
+    last lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)
@@ -88,7 +89,7 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
 def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True) -> Start:
     """Return the start of tracking (observation, body and pose) in a frame in which the pose is given.
 
-    A start is made only once for all runs whose settings give the same observation of this frame.
+    All runs whose settings give the same observation of this frame share one start.
     """
 
     def make() -> Start:

@@ -1,7 +1,8 @@
-"""Provide what every method of the experiment is given: the body, the pose at the start, and the patient's pixels.
+"""Provide the data that every method of the experiment is given: the body, the pose at the start, and the patient's
+pixels.
 
-The paper takes body, pose and pixels from the sensor's own tracker on unoccluded data. In this experiment, these three
-come from this project's tracker on the recording without holes. No method sees the truth.
+In the paper, body, pose and pixels come from the sensor's own tracker on unoccluded data. In this experiment, they come
+from this project's tracker on the recording without holes. No method sees the truth.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):
-    """The patient was not found in the recording without holes, so no method can start."""
+    """The error if the patient is not found in the recording without holes, so that no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +67,7 @@ class Reference:
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
     """Track the recording without holes by this project's tracker. labelled: whether to include the labels of pixels.
 
-    Raises NoReference if nobody is found, and InputError if the cameras' poses in the world cannot be found.
+    Raises NoReference if no patient is found, and InputError if the cameras' poses in the world cannot be found.
     """
     room = prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -135,9 +136,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
-    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only a method that
-    closes holes in the mesh with the predicted body uses another surface. uncut: the same recording without holes;
-    frames that lost no readings, and their surfaces, are taken from it.
+    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only methods that
+    close holes in the mesh with the predicted body use another surface. uncut: the same recording without holes; frames
+    that lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(

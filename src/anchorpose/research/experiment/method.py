@@ -57,10 +57,10 @@ class Family(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A method and its possible settings. The setting that is used is chosen on the training recordings.
+    """A method and its possible settings. The setting to use is chosen on the training recordings.
 
-    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. A method without anchors (``anchored``
-    is False) is called only once for frames that differ only in their anchors.
+    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. If ``anchored`` is False, the method is
+    called only once for observations that differ only in their anchors.
     """
 
     key: str
@@ -89,7 +89,8 @@ class DescriptorSetting:
 
 
 def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callable[[Any], Associate]:
-    """Return a ``Method.associate`` by which a node matches the next frame's node with the nearest descriptor.
+    """Return a function for ``Method.associate``, by which each node matches the node of the next frame with the
+    nearest descriptor.
 
     Source: the paper, Section V-A.
     describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
@@ -99,7 +100,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            # all nodes are matched at once, which is faster: nearly all of their matches are requested in the end
+            # all nodes are matched at once, which is faster, since nearly all matches are requested in the end
             @cache
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
@@ -121,7 +122,7 @@ Content = Callable[[Observation], bytes]
 def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[..., np.ndarray]:
     """Return ``compute`` with a cache: its value is computed only once for frames with the same ``content``.
 
-    If the cache is full (``CACHED_BYTES``), it drops values, which are then computed again when they are needed.
+    A full cache (``CACHED_BYTES``) drops values; dropped values are computed again when they are needed.
     """
     recent: dict[bytes, np.ndarray] = {}
 

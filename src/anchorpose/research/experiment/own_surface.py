@@ -1,4 +1,4 @@
-"""Match nodes of a frame to the skin of the body model by geodesic distances in this frame alone.
+"""Match nodes of a frame with skin points of the body model, by geodesic distances in this frame alone.
 
 The paper matches nodes of one frame with nodes of the next (Section IV-D). Distances to the anchors are nearly the same
 in every pose, but also nearly the same on the front and on the back of the body. The angles from the direction to one
@@ -30,19 +30,21 @@ TRIED: Final = 1200  # maximum number of skin points with which nodes are compar
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
 SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
-# sigma of a turn (a sine): more than a turn's error of 0.4, since ten turns are used but only four are independent
+# Sigma of a turn (a sine). It is larger than a turn's error of 0.4, since ten turns are used but only four are
+# independent.
 TURN_SIGMA: Final = 0.6
-# m, by how much distances to each anchor are longer in a frame than on the body model: medians of simulated people.
-# Distances to head and feet are shorter, since the anchors found there lie short of the tips. Distances to a hand are
-# longer, since paths lead only over the seen side of the arm
+# Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
+# simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
+# Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# a skin point fits almost as well as the best point if its sum of squared deviations is larger by at most this
+# Maximum excess of a skin point's sum of squared deviations over the best point's sum, for the point to fit almost as
+# well.
 ALMOST: Final = 2.0
 CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit a node almost as well as the best: thigh width
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
-# m; distances have converged when a sweep changes each of them by less than this; the remaining error is a hundredth of
-# ``SIGMA_M``
+# Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
+# of ``SIGMA_M``.
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
 
@@ -170,8 +172,8 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
     """Match up to ``NODES`` seen nodes with skin points that have similar distances to the anchors and similar turns.
 
-    mirrored: True = the left and right anchors are exchanged. A node has no match if it has fewer than three known
-    distances, or if it fits several places on the skin.
+    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances has no
+    match, nor does a node that fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)

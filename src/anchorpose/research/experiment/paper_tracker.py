@@ -106,18 +106,19 @@ def _body_of(shape: FittedShape) -> tuple[Body, BodyMap]:
 
 
 HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
-# m, scale of the robust kernel in each step that moves an arm; large at first, when the arm is far from its matches
+# m, scale of the robust kernel in each step that moves an arm; large at first, since the arm is then far from its
+# matches
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)
 BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
 HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place
-HELD_EVERY: Final = 4  # every fourth skin point outside of the arm is held in place
+HELD_EVERY: Final = 4  # step between the skin points outside of the arm that are held in place: every fourth
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
     """Return the pose after moving each arm whose hand is seen more than ``CONTRADICTED_M`` from its place in the pose.
 
     The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the tip of its hand to the
-    hand's anchor. The rest of the body stays.
+    hand's anchor. All other skin is held in place.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]

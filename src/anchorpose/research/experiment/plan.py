@@ -39,7 +39,7 @@ PRESENTING: Final = (
     "research/experiment/run.py",
     "viewer/",
 )
-"""Folders and modules of the package on whose code no stored result depends."""
+"""Folders and modules of the package whose code does not affect any stored result."""
 
 
 class ResultStore:
@@ -77,11 +77,11 @@ def experiment_code() -> str:
     return code_digest(PRESENTING)
 
 
-# scenes in which variants of the tracker that lack a component run; in all other scenes, tracking is too easy to
-# compare the variants
+# Scenes in which the ablated variants of the tracker run. In all other scenes, tracking is too easy to compare the
+# variants.
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
-# m, radius of the hole in half of the pairs of training frames; the other pairs have no hole, since a setting must work
-# for both
+# Radius in m of the hole in half of the pairs of training frames. The other pairs have no hole, since a setting must
+# work for both.
 TUNING_HOLE_M: Final = 0.12
 
 
@@ -113,7 +113,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The plan of which methods run on each clip (recording), and in which way."""
+    """The plan of an experiment: the methods that run on each clip (recording), and the way in which they run."""
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
@@ -181,7 +181,7 @@ class Plan:
         return (*self.methods, *(ABLATED if ablated else ()))
 
     def has_windows(self, clip: Clip) -> bool:
-        """Return whether matches are compared with the truth, as is done only in the paper's scene."""
+        """Return whether matches are compared with the truth. They are compared only in the paper's scene."""
         return clip.scene is Scene.PAPER
 
     def reference(self, clip: Clip) -> Path:

@@ -29,7 +29,7 @@ PARTICLES: Final = 200  # number of particles, three per parameter of the pose, 
 COMPARED: Final = 120  # maximum number of matches with which a particle is compared; this takes 0.1 ms per particle
 # minimum share of effective particles in a step of tempering; the effective number is 1 / (sum of squared weights)
 EFFECTIVE: Final = 0.5
-SPREAD: Final = 0.3  # random shift of a particle that is drawn again, in standard deviations of all particles
+SPREAD: Final = 0.3  # random shift of each resampled particle, in standard deviations of all particles
 
 
 def match_rows(
@@ -54,7 +54,7 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the pose and its uncertainty after the filter's update by ``rows``; the prediction if there are no rows.
+    """Return the pose and its uncertainty after the filter's update by ``rows``; without rows, return the prediction.
 
     seed: seed of the random particles.
     """

@@ -58,7 +58,7 @@ class Matched:
     direct_skin_mm: np.ndarray  # (m,), distance of the direct match along the skin
     tree_skin_mm: np.ndarray  # (m,), distance of the track tree's match along the skin
     # (m,) bool, whether the match is on the same part of the other side, such as the other hand. The match is the
-    # direct match or, if there is none, the match of the track tree.
+    # direct match or, without a direct match, the match of the track tree.
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
@@ -79,7 +79,7 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Seconds on one core for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
+    """Times on one core, in s, for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
 
     These times are compared with the paper's times.
     """
@@ -121,7 +121,7 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method, each with its score, and with whether it is chosen.
+    """Return the tried settings of a method. Each has its score, and states whether it is chosen.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

@@ -139,12 +139,13 @@ def run_experiment(
     return results
 
 
-# s of computing besides the tasks: every process compiles or loads kernels, and the pictures and the page are made
+# Estimated seconds of computing in addition to the tasks: kernels are compiled or loaded in every process, and pictures
+# and page are made.
 AROUND_S: Final = 240.0
 
 
 def _require_matplotlib() -> None:
-    """Raise MissingPackage without matplotlib, so that the run does not fail only after hours of computing."""
+    """Raise MissingPackage without matplotlib, at once and not after hours of computing."""
     with default_style():
         pass
 
@@ -154,7 +155,7 @@ def _chosen(tried: AllTried) -> tuple[tuple[str, int], ...]:
 
 
 def _undone(job: Part) -> list[str]:
-    """Return a sentence for each clip (recording) for which results are missing, for whatever reason."""
+    """Return a sentence for each clip (recording) without all of its results, whatever the reason."""
     missing = Counter(task.clip.name for task in job.tasks() if not task.done)
     return [f"{name}: {count} results are missing." for name, count in missing.items()]
 

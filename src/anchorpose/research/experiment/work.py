@@ -62,7 +62,8 @@ class TrackedJoints:
 def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
     """Return the first frames of the segments (``length`` frames) in which the patient was found in every frame.
 
-    found: (frames,) bool. Other segments are left out, since methods could not be given the patient's pixels there.
+    found: (frames,) bool. Other segments are left out, since the patient's pixels, which methods need, are unknown
+    there.
     """
     return [start for start in range(0, frames - length + 1, length) if found[start : start + length].all()]
 
@@ -147,7 +148,7 @@ def work_on(clip: Clip, plan: Plan) -> None:
     with one_thread(), prepare_clip(clip, plan) as prepared:
         holes_m = sorted({task.hole_m for task in open_tasks})
         one_camera = len(prepared.recording.cameras) == 1
-        # cutting holes raises an error for several cameras, so tasks without a hole are done and stored first
+        # cutting holes raises an error if there are several cameras, so tasks without a hole are done and stored first
         for together in [holes_m] if one_camera else [[hole_m] for hole_m in holes_m]:
             tasks = [task for task in open_tasks if task.hole_m in together]
             with open_trials(prepared, plan, together) as trials:
@@ -291,7 +292,7 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return those frames of tracked joints that other methods also have: the segments without their first frames."""
+    """Return the frames of tracked joints that the other methods have, too: the segments without their first frames."""
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True

@@ -13,8 +13,8 @@ from numba import njit
 
 from anchorpose.research.features.circle import FULL_TURN, turn_fraction
 
-SMALLEST_M2 = 1e-12  # m², twice the minimum area of a triangle whose slope is computed
-HALF_SPREAD = 0.5  # sigma of the Gaussian in ``triangle_slopes``, divided by half the width of the four cells in a row
+SMALLEST_M2 = 1e-12  # m², twice the minimum area of a triangle for its slope to be computed
+HALF_SPREAD = 0.5  # sigma of the Gaussian in ``triangle_slopes``, as a share of half the width of four cells
 CELLS: Final = 4  # number of cells on each side of the image
 ORIENTATIONS: Final = 8  # number of bins, one per direction of the gradient, in a cell's histogram
 WIDTH: Final = CELLS * CELLS * ORIENTATIONS
@@ -46,7 +46,8 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 def outline_angle(slopes: np.ndarray, count: int) -> float:
     """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
 
-    Of the axis's two directions, the one in which the surface rises is returned. The result is NaN without a surface.
+    Of the axis's two directions, the direction in which the surface rises is returned. The result is NaN without a
+    surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for t in range(count):

@@ -2,8 +2,8 @@
 
 See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
 (equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the
-map of smallest distortion exactly, for few samples. The module ``gmds``, which matches surfaces, uses all changes
-instead of only the greatest, and so distinguishes maps better.
+map of smallest distortion exactly, for few samples. For matching surfaces, the module ``gmds`` uses the changes of all
+distances, not only the greatest, since this distinguishes maps better.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ class FpfhConfig:
     """Settings of FPFH, which has 3 histograms of 11 bins."""
 
     # m, radius within which a node's simplified histogram counts other nodes. A descriptor averages the
-    # histograms of these nodes, so it depends on the surface within twice the radius. With 10 cm, errors of matches are
-    # twice as large
+    # histograms of these nodes, so it depends on the surface within twice the radius. With 10 cm, the errors of matches
+    # are twice as large.
     radius_m: Positive = 0.15
     own_histogram: bool = False  # True: the node's own histogram is added, as in the paper and Open3D, but not in PCL
 

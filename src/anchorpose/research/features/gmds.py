@@ -31,7 +31,7 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
 
     k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres, ``APART_M`` on other pieces.
     The first node is the farthest from the middle of its piece; the middle is the node nearest to the mean position of
-    all nodes. A piece without a chosen node counts as farther away than any node of a piece that has a chosen node.
+    all nodes. Nodes of a piece without a chosen node count as farther away than all nodes of pieces with a chosen node.
     Raises ValueError for nodes that are not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the
     greatest distance of a node from its nearest chosen node is at most twice as large as with the best choice.
     """
@@ -61,15 +61,16 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 class GmdsConfig:
     """Resolution and effort of the search."""
 
-    # number of samples, 7 cm apart on a body; with 50, the mirror image more often fits as well as the truth
+    # Number of samples, which are 7 cm apart on a body. With 50 samples, the mirror image would more often fit as well
+    # as the truth.
     samples: Count = 100
     first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more sample
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
     starts: Count = 24  # number of maps of first samples that are extended to all; many mirror the body or swap limbs
     finalists: Count = 3  # number of best maps in which, in the last step, samples may move from candidates to any node
-    # m; greater changes of a distance count as this value, since all distances to a hand change when it touches the
-    # body
+    # Maximum change of a distance in m; greater changes count as this value, since all distances to a hand change when
+    # it touches the body.
     cap_m: Positive = 0.15
     sweeps: Count = 10  # maximum number of sweeps over all samples; the search usually converges in four sweeps
     # minimum share of all nodes that a piece needs to be matched (3 %: a forearm); smaller pieces have no recognisable
@@ -101,8 +102,8 @@ def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = 
 
     -1 = undefined: the node is not finite, or on a piece with less than the share ``min_piece`` of the finite nodes. If
     either surface has only such nodes, all nodes are undefined. Distances are computed by fast marching, and paths may
-    follow links (edges outside the pixel grid). Only distances count, not positions, so a body may be matched with its
-    mirror image. Several nodes may share a match.
+    follow links (edges outside the pixel grid). Positions do not count, only distances, so a body may be matched with
+    its mirror image. Several nodes may share a match.
     """
     match: np.ndarray = _solve(source, target, config or GmdsConfig())[1]
     return match

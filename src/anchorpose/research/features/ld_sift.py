@@ -28,13 +28,13 @@ from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
 REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
-"""Distance from the middle of the depth map to its corners, divided by half the width of the four cells in a row."""
+"""Distance from the middle of the depth map to its corners, as a multiple of half the width of four cells."""
 
 
 class Beyond(StrEnum):
     """The value of the depth map at pixels without surface."""
 
-    UNKNOWN = "unknown"  # NaN, without a gradient: the end of the camera's view is not part of the shape
+    UNKNOWN = "unknown"  # NaN, so no gradient: the end of the camera's view is not part of the shape
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
 
@@ -45,7 +45,7 @@ class LdSiftConfig:
     # m, half the width of the 4 x 4 cells; with a larger width, more places are distinguished, but computing is slow
     radius_m: Positive = 0.15
     beyond: Beyond = Beyond.UNKNOWN
-    floor_m: Positive = 0.05  # m, how far below the node the plane of ``Beyond.FLOOR`` lies
+    floor_m: Positive = 0.05  # m, distance of the plane of ``Beyond.FLOOR`` below the node
     samples: Count = 6  # number of pixels on a cell's side; fewer would miss an arm seen from the side
 
 

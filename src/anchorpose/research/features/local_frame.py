@@ -11,7 +11,7 @@ from numba import njit
 
 from anchorpose.research.features.neighbours import Neighbours, as_points
 
-FEWEST = 5  # minimum number of neighbours, as in the authors' program; with fewer, axes would be noise
+FEWEST = 5  # minimum number of neighbours, as in the authors' program; with fewer, the axes would be noise
 SWEEPS = 12  # maximum number of sweeps of Jacobi rotations; convergence is quadratic, so six are enough for all digits
 
 
@@ -19,10 +19,10 @@ def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarr
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
     points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
-    neighbours. If both sides have the same number, only five neighbours count: those in the middle when sorted by
-    distance. normals (n, 3): if given, z points to the side of the node's normal instead; on a nearly flat surface,
-    noise decides which side has more neighbours. A frame is undefined if the node has fewer than five neighbours at
-    other positions, or no normal although normals are given.
+    neighbours. If both sides have the same number, only five neighbours count: the middle five when sorted by distance.
+    normals (n, 3): if given, z points to the side of the node's normal instead; on a nearly flat surface, noise decides
+    which side has more neighbours. A frame is undefined if the node has fewer than five neighbours at other positions,
+    or no normal although normals are given.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)
@@ -70,7 +70,8 @@ def _frames(points: np.ndarray, neighbours: Neighbours, by_normal: bool, normals
 def _spread(
     points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, radius: float, spread: np.ndarray
 ) -> int:
-    """Fill ``spread`` with the neighbours' covariance about the node; return how many are not at the node's position.
+    """Fill ``spread`` with the neighbours' covariance about the node; return the number of neighbours at other
+    positions.
 
     A neighbour's weight is ``radius`` minus its distance from the node. Since only the axes are used, the covariance is
     not divided by the sum of the weights.
@@ -95,7 +96,7 @@ def _spread(
 
 @njit(cache=True, error_model="numpy")
 def _points_away(points: np.ndarray, own: int, near: np.ndarray, distance2: np.ndarray, axis: np.ndarray) -> bool:
-    """Return whether there are more neighbours on the negative side of the axis than on the positive side."""
+    """Return whether more neighbours lie on the negative side of the axis than on the positive side."""
     balance = 0
     for m in range(len(near)):
         ahead = _along(points, own, near[m], axis) >= 0.0

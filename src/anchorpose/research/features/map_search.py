@@ -17,9 +17,10 @@ def branch_and_bound(
     """Return the exactly best map of k samples onto n candidates, and the best maps that differ from it.
 
     a (k, k), b (n, n): float32 distances in each set. The cost of a map is the sum of the squared, capped changes over
-    all pairs of samples. limit: maps with at least this cost are ignored. same: of two maps that put each sample at
-    places at most this far apart (m), only the better is kept. Returns maps (kept, k) int32 and costs (kept,) float64,
-    best first, inf = no map, and the number of branches visited, which is ``steps`` if the search gave up.
+    all pairs of samples. limit: maps with at least this cost are ignored. same: maximum distance (m) between the two
+    places of every sample in maps that count as the same; of such maps, only the better map is kept. Returns maps
+    (kept, k) int32 and costs (kept,) float64, best first, inf = no map, and the number of branches visited, which is
+    ``steps`` if the search gave up.
     """
     depth, count = len(a), len(b)
     maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)

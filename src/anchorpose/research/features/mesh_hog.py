@@ -79,7 +79,9 @@ def scalar_function(surface: Surface, config: MeshHogConfig) -> np.ndarray:
 
 
 PLANES = ((0, 1, 1.0), (0, 2, -1.0), (2, 1, -1.0))
-"""For each plane: the axis from which angles are counted, the axis at a quarter turn from it, and the latter's sign."""
+"""For each plane: the axis from which angles are counted, the axis at a quarter turn from it, and the sign of the
+second axis.
+"""
 
 
 class _Layout(NamedTuple):

@@ -1,7 +1,7 @@
 """Find, for each row of a table of descriptors, the nearest row of another table.
 
-All distances are first computed in float32, which is fast. Distances that cannot be distinguished from the smallest
-because of rounding are then computed again in float64.
+All distances are first computed in float32, which is fast. Distances that, because of rounding, cannot be distinguished
+from the smallest distance are then computed again in float64.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 
 ROWS: Final = 1000  # number of source rows whose distances are in memory at once: 16 MB for 4,000 target rows
 COLUMNS: Final = 256  # number of target rows compared with a source row at once, few enough for the processor's cache
-ULP: Final = 2.0**-23  # precision of float32: twice the relative error of one rounding
+ULP: Final = 2.0**-23  # precision of float32: twice the relative error of a single rounding
 
 
 class Metric(StrEnum):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together if far: about a mesh row on a limb
+BLOCK: Final = 32  # number of successive nodes that are skipped together if far away: about a mesh row on a limb
 
 
 class Neighbours(NamedTuple):

@@ -19,8 +19,8 @@ from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import Surface
 
 RADIUS_M: Final = 0.5  # m, the paper's r, which its authors chose "empirically"
-# m; an extremum and an anchor nearer than this are at the same end of a limb: twice the depth of the surface that
-# counts as the end (the cap, see ``geodesics.extrema``)
+# Maximum distance in m between an extremum and an anchor at the same end of a limb. It is twice the depth of the
+# surface that counts as the end (the cap, see ``geodesics.extrema``).
 SAME_END_M: Final = 0.12
 by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # along edges, as in the paper's reference for extrema
 

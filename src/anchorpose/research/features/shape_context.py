@@ -19,7 +19,7 @@ from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_
 from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
-# minimum sine of the angle between x axis and normal; with a smaller angle, x has no tangential direction
+# Minimum sine of the angle between x axis and normal; below it, the tangential direction of x is undetermined.
 PARALLEL = 1e-3
 
 
@@ -27,7 +27,7 @@ PARALLEL = 1e-3
 class ShapeContextConfig:
     """Settings of shape contexts; by default, a shape context has 1980 numbers, see ``cells``."""
 
-    # m; the sphere contains a limb with its edges; in a smaller sphere, all surface looks flat
+    # Radius of the sphere in m. The sphere contains a limb with its edges; in a smaller sphere, all surfaces look flat.
     radius_m: Positive = 0.20
     # share of ``radius_m`` from which the shells' radii grow by a constant factor; the first shell still begins at 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1

@@ -30,7 +30,7 @@ def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
-"""Two positive numbers, the smaller first."""
+"""A range: two positive numbers, the smaller number first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,11 +166,11 @@ class HksConfig:
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
-    The signature is the heat that is left at a node at time t if heat was put there at time 0: sum_i exp(-lambda_i t)
-    phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time of 1 m². The
-    logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral over the largest
-    piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere if times should
-    come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
+    The signature is the heat that remains at a node at time t if a unit of heat is put there at time 0: sum_i
+    exp(-lambda_i t) phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time
+    of 1 m². The logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral
+    over the largest piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere
+    if times should come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
     (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
@@ -202,7 +202,7 @@ def heat_times(spectrum: Spectrum, config: HksConfig) -> np.ndarray:
 class SiHksConfig:
     """Settings of the scale-invariant heat kernel signature."""
 
-    # first time, in octaves relative to 1 m²; before it, no wave has decayed much
+    # First time, in octaves relative to 1 m². Before this time, no wave has decayed much.
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
     octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the last time, 4 m², a body's longest wave has decayed
     steps_per_octave: Count = 16  # as in Bronstein and Kokkinos

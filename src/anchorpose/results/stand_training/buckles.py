@@ -2,9 +2,10 @@
 
 The definition of a buckle is this project's own. A buckle differs from other flexion in three ways:
 
-- a squat or sitting down bends both knees alike, so a buckling knee must bend farther than the other, by a share of the
-  depth of its flexion;
-- a step lifts the foot, so the hip must come down more than the ankle goes up, and the foot must stay in its place;
+- a squat or sitting down bends both knees alike, so a buckling knee must bend farther than the other knee, by at least
+  a fixed share of its own flexion;
+- a step lifts the foot, so in a buckle the hip must sink more than the ankle rises, and the foot must stay in its
+  place;
 - a knee that is lowered slowly is controlled, so the flexion must be fast.
 """
 
@@ -35,7 +36,7 @@ from anchorpose.results.uncertainty import sigma_of_difference
 KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 
 HELD_S: Final = 0.1
-"""Window in s of the running median of the angles: it removes errors of single frames, which are no flexions."""
+"""Window in s of the running median of the angles: it removes errors of single frames."""
 
 SMOOTHING_S: Final = 0.03
 """Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
@@ -48,8 +49,8 @@ STILL_DEEPER_S: Final = 0.4
 
 
 LEAD_SHARE: Final = 0.33
-"""Minimum amount by which a buckling knee must bend farther than the other, as a share of the depth of its flexion. If
-the other knee flexes by more than two thirds of that depth, the movement is a squat.
+"""Minimum difference between the flexions of a buckling knee and of the other knee, as a share of the buckling knee's
+flexion. If the other knee flexes by more than two thirds as much, the movement is a squat.
 """
 
 

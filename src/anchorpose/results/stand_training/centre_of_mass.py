@@ -24,8 +24,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 
 class Segment(NamedTuple):
-    """A body segment. mass: its share of the body's mass (for a segment of a limb: on one side of the body). fraction:
-    position of its centre of mass between start (0) and end (1).
+    """A body segment. mass: its share of the body's mass (for a segment of a limb, the mass on one side of the body).
+    fraction: position of its centre of mass between start (0) and end (1).
 
     starts, ends: joints at whose mean the segment starts and ends; ``{side}`` stands for Left and Right.
     """
@@ -80,8 +80,8 @@ def _on_side(segment: Segment, side: str) -> Segment:
 
 SHARED_ERROR: Final = 0.3
 """Share of the variance of a joint's error that is common to all joints: if the body is placed too far away, all joints
-are too far away. With independent errors the centre of mass would have a sigma of 1.6 mm; on simulated recordings, the
-centre was up to 5 mm off (docs/measures.md).
+are too far away. If the errors were independent, sigma of the centre of mass would be 1.6 mm; in simulated recordings,
+its errors were up to 5 mm (docs/measures.md).
 """
 
 
@@ -136,7 +136,7 @@ class SwayConfig:
     cutoff_hz: Positive = 1.5  # Hz, cutoff of the low-pass filter; a standing body sways below 1 Hz
     shortest_bout_s: Positive = 5.0  # s, minimum duration of a bout of standing
     settle_s: NotNegative = 1.0  # s, time after standing up that is left out: the body is not at rest yet
-    # minimum reported sway, in multiples of the sway that noise alone gives
+    # minimum sway that is reported, as a multiple of the sway that noise alone would cause
     times_noise: Annotated[float, Field(ge=1)] = 2.0
 
 
@@ -144,8 +144,8 @@ class Bout(NamedTuple):
     """A bout of standing. deviation_m (k, 2): position of the centre of mass relative to its mean in the bout, forwards
     and to the patient's right, low-passed, evenly spaced in time.
 
-    path_m: length of its horizontal path; noise_m: length of the path that errors alone would have; seconds: duration;
-    frames: rows of the session.
+    path_m: length of the centre's horizontal path; noise_m: length of the path that errors of measurement alone would
+    cause; seconds: duration of the bout; frames: its rows in the session.
     """
 
     deviation_m: np.ndarray
@@ -262,8 +262,8 @@ def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> fl
     alone.
 
     residual_m (k, 2): the movement above the cutoff frequency, all of which is taken as error, since no standing body
-    moves so fast. Below this frequency, the errors are assumed to be a random walk with power ~ 1 / f^2, which is more
-    power than was measured (docs/measures.md).
+    moves so fast. Below the cutoff frequency, the errors are assumed to be a random walk with power ~ 1 / f^2. This
+    assumes more power than was measured (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -29,9 +29,9 @@ ONSET_SIGMA_S: Final = 0.04
 """Standard deviation in s of the error of an event's onset, measured on constructed events (docs/measures.md)."""
 
 BRIEF_SHARE: Final = 0.7
-"""Share of the variance of an angle's error that two frames of a buckle, about 0.4 s apart, have in common. It consists
-of the systematic half, and of the part of the random half (with the correlation time ``CORRELATION_S``) that does not
-change between the two frames.
+"""Share of the variance of an angle's error that is common to two frames of a buckle, about 0.4 s apart. Half of the
+variance is systematic, so it is common to both frames. Of the random half, the part that does not change between the
+two frames (correlation time ``CORRELATION_S``) is added.
 """
 
 CHANGE_SHARE: Final = float(np.sqrt(2.0 * (1.0 - BRIEF_SHARE)))
@@ -52,11 +52,11 @@ class EventConfig:
     lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
-    # m, minimum distance of the extrapolated centre of mass from the feet's outline; less may be an error of the
-    # outline
+    # m, minimum distance by which the extrapolated centre of mass lies outside the feet's outline; less may be an error
+    # of the outline
     beyond_m: Positive = 0.05
-    # minimum depth of an event in sigmas: in ten minutes, two knees have 3000 windows of 0.4 s; on average, errors
-    # alone exceed this depth in 0.7 of the 3000
+    # minimum depth of an event in sigmas. In ten minutes, two knees have 3000 windows of 0.4 s. On average, errors
+    # alone reach this depth in 0.7 of these 3000 windows.
     times_sigma: Positive = 3.5
 
 
@@ -120,8 +120,8 @@ ROUNDING_S: Final = 0.001
 
 
 EARLY, LATE = 0.1, 0.4
-"""Shares of an event's depth; the event's onset is extrapolated from the times at which these shares are reached. Below
-``EARLY``, noise hides the movement; beyond ``LATE``, the patient may already have caught themselves.
+"""Shares of an event's depth. The onset of the event is extrapolated from the times at which the movement reaches these
+two shares. Below ``EARLY``, noise hides the movement; beyond ``LATE``, the patient may already have caught themselves.
 """
 
 

@@ -31,8 +31,8 @@ NONE_SEEN: Final = "no such event was seen"
 
 class Watch(NamedTuple):
     """The frames in which events of one kind are searched for. measure: prefix of the names of its measures. base (n,)
-    bool: frames in which events of this kind can happen; watched (n,) bool: frames of ``base`` in which an event would
-    have been seen; nothing: the reason why measures have no value if ``base`` is empty.
+    bool: frames in which events of this kind can happen. watched (n,) bool: frames of ``base`` in which an event would
+    have been detected. nothing: the reason, if ``base`` is empty, why the measures have no value.
     """
 
     measure: str

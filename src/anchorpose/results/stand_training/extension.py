@@ -27,12 +27,12 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile taken as least flexion (95 as greatest); the extremes are mostly error
+LEAST_PERCENTILE: Final = 5.0  # percentile used as least flexion (95 as greatest), since extremes are mostly errors
 
 
 @settings
 class ExtensionConfig:
-    """Settings of when a knee counts as straight: up to this angle in degrees, bent or hyperextended."""
+    """Settings of when a knee counts as straight: if it is bent or hyperextended by at most this angle in degrees."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
@@ -123,12 +123,12 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, under
-    the assumption that the patient stands still; for the left foot the sign is reversed. sigma (n,); state_code (n,):
-    worst state of the joints used.
+    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, if the
+    patient stands still; the left foot has the same value with the sign reversed. sigma (n,); state_code (n,): worst
+    state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
-    mass lies beyond an ankle: the feet alone could not carry a patient who stands still in this way.
+    mass lies to the side of both ankles: a patient who stands still in this way would fall without support.
     """
 
     rightwards: np.ndarray

@@ -21,10 +21,10 @@ from anchorpose.results.uncertainty import JOINT_SHARE, sigma_of_difference
 
 
 def find_failed_stands(session: Session, config: TransitionConfig, events: EventConfig) -> list[Event]:
-    """Return the rises from the seat that end on the seat again, in the order of time.
+    """Return the failed stands, in the order of time: rises from the seat after which the patient sinks back onto it.
 
-    A rise is measured by the height of the pelvis, from 0 on the seat to 1 over straight legs. The event ends in the
-    frame in which the pelvis is highest. If the patient was upright even for a moment, the stand did not fail.
+    The height of the pelvis measures a rise, from 0 on the seat to 1 above straight legs. The event ends in the frame
+    in which the pelvis is highest. If the patient was upright even for a moment, the stand did not fail.
     """
     time_s, height = session.joints.time_s, session.stance.height
     if not fast_enough(time_s):
@@ -55,8 +55,8 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Share of ``failed_rise`` (the minimum rise of a failed stand); once the rise falls below this share, the patient sits
-again.
+"""Height at which a rise ends, as a share of ``failed_rise`` (the minimum rise of a failed stand). Below it, the
+patient sits again.
 """
 
 BEFORE_S: Final = 1.5

@@ -45,9 +45,9 @@ class IndependenceConfig:
     inclined, by at most ``extended_deg``, and ends above ``bent_deg``.
     """
 
-    # degrees, largest bend: a knee that takes over the load in walking bends by about 20 and still carries the body
+    # degrees, maximum bend: in walking, a knee that takes over the load bends by about 20 and still carries the body
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # degrees; 5 more than extended_deg: errors of an angle (3 to 5) do not end an extension
+    bent_deg: _Degrees = 25.0  # degrees; 5 above extended_deg, so that errors (3 to 5) do not end an extension
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -55,10 +55,10 @@ class IndependenceConfig:
 
 
 class _Part(NamedTuple):
-    """A body part whose extension is measured. angle: the name of its angle, None for the trunk's inclination. regions:
-    regions where a contact helps to extend the part. beside: neighbouring regions; a hand on the border may be reported
-    in one of these. joints: joints at ``regions``; if one of them is unseen, a hand that holds the part may be unseen,
-    too.
+    """A body part whose extension is measured. angle: the name of the part's angle, None for the trunk's inclination.
+    regions: regions of the body where a contact helps to extend the part. beside: neighbouring regions; a hand near the
+    border may be reported there. joints: joints at ``regions``; if such a joint is unseen, a hand that holds the part
+    may be unseen, too.
     """
 
     name: str
@@ -243,8 +243,9 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts, for which the upper limit is reported.
 
-    The true time may be less by up to ``unsure_s``. If the true time is uniformly distributed over this range, its
-    root-mean-square distance from the upper end is ``unsure_s`` / sqrt(3), which is twice its distance from the middle.
+    The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
+    root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the distance from the
+    middle of the range.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 

@@ -1,4 +1,4 @@
-"""Find recovery steps: the patient stands still, loses balance, and places a foot where it catches the body.
+"""Find recovery steps, in which the patient stands still, loses balance, and catches the body by placing a foot.
 
 Balance is lost where the extrapolated centre of mass leaves the base of support (Hof et al. 2005,
 doi:10.1016/j.jbiomech.2004.03.025): a body that moves with speed v falls like a resting body that is displaced by v /
@@ -43,9 +43,9 @@ _FEET: Final = [*ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
-"""Unit vectors (2, 72) at equal angles. A point's distance from a convex outline is found by measuring, in every
-direction, how far the point lies beyond the outline; the largest value is the distance. These 72 directions give the
-distance within 0.1 %.
+"""Directions (2, 72): unit vectors at equal angles. The distance of a point from a convex outline is the largest
+amount, over all directions, by which the point lies beyond the outline in this direction. With 72 directions, its error
+is at most 0.1 %.
 """
 
 

@@ -136,8 +136,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of when the patient counts as upright: once all three ``enter`` limits are met, until one of the wider
-    ``leave`` limits is passed (hysteresis).
+    """Settings of when the patient counts as upright: from the frame that meets all three ``enter`` limits until a
+    frame passes one of the wider ``leave`` limits (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). If only the thigh were tested, kneeling and hanging over a rail would count as upright;
@@ -159,8 +159,8 @@ class UprightConfig:
 
 
 class Limits(NamedTuple):
-    """Three arrays (n,) bool: whether all limits for becoming upright are met; whether one of the wider limits is
-    passed, which ends being upright; whether all joints needed for these limits are known.
+    """The limits in every frame, as three arrays (n,) bool: whether all ``enter`` limits are met; whether a ``leave``
+    limit is passed; whether all joints needed for these limits are known.
     """
 
     begins: np.ndarray
@@ -181,8 +181,8 @@ def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) ->
 
 
 def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.ndarray:
-    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. From a frame with a lost joint on, the value is
-    ``UNKNOWN`` until a later frame meets the limits for becoming upright or passes a ``leave`` limit.
+    """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a frame with a lost joint, the value stays
+    ``UNKNOWN`` until a frame meets the ``enter`` limits or passes a ``leave`` limit.
 
     shift: as in ``upright_limits``.
     """

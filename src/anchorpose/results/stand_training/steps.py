@@ -29,14 +29,14 @@ SMOOTHING_S: Final = 0.06
 
 MOVES_M_PER_S: Final = 0.20
 RESTS_M_PER_S: Final = 0.10
-"""Speeds of an ankle in m/s: in a swing it exceeds ``MOVES_M_PER_S``; at rest it stays below ``RESTS_M_PER_S``, noise
-included.
+"""Limits of an ankle's speed in m/s. In a swing, the speed exceeds ``MOVES_M_PER_S``; at rest, it stays below
+``RESTS_M_PER_S`` in spite of noise.
 """
 
 SHORTEST_M: Final = 0.06
 AWAY_M: Final = 0.02
-"""Distances in m: in a step the ankle moves by at least ``SHORTEST_M``. The swing lasts while the ankle is farther than
-``AWAY_M`` from its places of rest before and after the step.
+"""Limits of an ankle's movement in m. In a step, the ankle moves by at least ``SHORTEST_M``. The swing lasts while the
+ankle is farther than ``AWAY_M`` from its places of rest before and after the step.
 """
 
 LONGEST_S: Final = 2.0  # s, maximum duration of a swing
@@ -118,7 +118,9 @@ def _length(path_m: np.ndarray, other_m: np.ndarray, swing: slice) -> float | No
 
 
 def _until_at_rest(speed: np.ndarray, run: slice) -> slice:
-    """Extend the run at both ends to the movement's slow beginning and end: outward as long as the speed falls."""
+    """Extend a run at both ends, as long as the speed falls, so that it includes the slow beginning and end of the
+    movement.
+    """
     start, stop = run.start, run.stop
     while start > 1 and speed[start - 1] < speed[start]:
         start -= 1

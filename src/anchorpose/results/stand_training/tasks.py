@@ -1,7 +1,7 @@
 """Recognise clinical tests in the recording: five times sit to stand, functional reach, one-leg stance.
 
-The recording does not state what the patient was asked to do. So each test is recognised by its movements, and has no
-value if it is not recognised.
+The recording does not state which test the patient was asked to do. So each test is recognised by its movements; a test
+that is not recognised has no value.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ SIDES: Final = ("left", "right")
 TIMES: Final = 5  # number of rises in the test
 LONGEST_SEATED_S: Final = 2.0
 LONGEST_STOOD_S: Final = 5.0
-"""Maximum times in s between two changes of posture in the test, while seated (``LONGEST_SEATED_S``) or while standing.
-A patient who rests longer on the seat does another test; standing may last longer, until the patient is steady.
+"""Maximum time in s for which the patient sits (``LONGEST_SEATED_S``) or stands between two changes of posture in the
+test. After a longer rest on the seat, the movement is not this test; standing may last longer, until the patient is
+steady.
 """
 
 TOUCH_S: Final = 0.1
@@ -50,13 +51,13 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers two ends; here one counts
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers both ends; one counts here
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
 def _longest_series(moves: Sequence[Transition], time_s: np.ndarray) -> list[Transition]:
-    """Return the longest series of alternate rising and sitting down without long pauses that begins with a rise; the
-    first of equally long series.
+    """Return the longest series in which rising and sitting down alternate without long pauses, beginning with a rise.
+    Of equally long series, return the first.
     """
     best, current = list[Transition](), list[Transition]()
     for before, move in pairwise([None, *moves]):
@@ -145,8 +146,8 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
-    """Return for how many rows from the first both ankles stay within ``BASE_M`` of their first place; 0 if an ankle is
-    unknown in the first row.
+    """Return the number of rows, from the first, in which both ankles stay within ``BASE_M`` of their places in the
+    first row; 0 if an ankle is unknown there.
     """
     if not len(rows):
         return 0

@@ -46,8 +46,8 @@ def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
 def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tuple[float, float | None]:
     """Return the time with any contact, and its sigma.
 
-    Without contacts, sigma is None, since it is unknown how many contacts were missed. Each beginning and each end of a
-    contact may be wrong by one frame, and in the unseen share of its time, a contact may not have existed.
+    Without contacts, sigma is None, since it is unknown how many contacts were missed. Sigma combines two errors: each
+    beginning and end of a contact may be wrong by one frame, and unseen contacts may not have existed.
     """
     any_of = touch.at_once > 0
     if not any_of.any():

@@ -1,7 +1,7 @@
 """Measure tremor and clonus: oscillation of knees and ankles between 3 and 8 Hz, if the frame rate can show it.
 
-Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints spread over all frequencies,
-and voluntary movement lies below 3 Hz. So an oscillation counts if a narrow peak holds most of the power above 1 Hz.
+Clonus after a spinal-cord injury is a rhythmic contraction at 3 to 8 Hz. Errors of joints contain all frequencies, and
+voluntary movement is slower than 3 Hz. So an oscillation counts if a narrow peak holds most of the power above 1 Hz.
 """
 
 from __future__ import annotations
@@ -33,9 +33,7 @@ MOVEMENT_HZ: Final = 1.0
 """Power up to this frequency in Hz comes from posture and slow movement; it is left out of ``Window.share``."""
 
 PEAK_HZ: Final = 0.75
-"""Hz, half width of a peak: the half width for a Hann window of 2 s, plus one frequency step since the frequency
-varies.
-"""
+"""Half width of a peak in Hz: that of a Hann window of 2 s, plus one frequency step, since the frequency varies."""
 
 JOINTS: Final = {"knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
 UNITS: Final = {"time": "s", "frequency": "Hz", "amplitude": "deg"}
@@ -98,7 +96,9 @@ def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> 
 
 
 def _stepping(session: Session) -> np.ndarray:
-    """Return (n,) bool: frames in which a foot is in the air, since quick steps shake a leg as fast as clonus does."""
+    """Return (n,) bool: frames in which a foot is in the air. They are left out, since quick steps shake a leg as fast
+    as clonus.
+    """
     time_s, stepping = session.joints.time_s, np.zeros(len(session.seconds), dtype=bool)
     for episode in session.episodes:
         if episode.kind in (STEP_LEFT, STEP_RIGHT):

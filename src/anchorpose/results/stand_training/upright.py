@@ -22,9 +22,9 @@ NEVER_KNOWN: Final = "in no frame was it known whether the patient was upright"
 NONE_SEEN: Final = "none was seen from beginning to end"
 
 LOW_PERCENTILE: Final = 10.0
-"""Percentile of the pelvis' height in sitting that is taken as the seated height. For the standing height, 100 minus
-this percentile is used. A median would be affected by frames of the rise, an extreme value by the noise of a single
-frame.
+"""Percentile of the pelvis' heights while sitting that is used as the seated height. The standing height is the
+percentile 100 minus this value of the heights while standing. A median would be affected by frames of the rise, an
+extreme value by the noise of a single frame.
 """
 
 
@@ -88,8 +88,8 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
 
 
 def _sigma_s(session: Session, config: UprightConfig) -> float:
-    """Return sigma of the upright time: half of the difference between two times: the upright times that result if all
-    values are shifted by one sigma towards standing, and by one sigma away from it.
+    """Return sigma of the upright time. It is half of the difference between the upright time if all values are shifted
+    by one sigma towards standing, and the upright time if they are shifted by one sigma away from it.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -107,19 +107,20 @@ class TransitionConfig:
     """Settings of transitions between sitting and standing. A patient sits if both thighs are nearly level, the pelvis
     rests for a while, and the centre of mass is behind the heels.
 
-    So a squat does not count as sitting: the pelvis does not rest in a short squat, and nobody squats with the centre
-    of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood up.
+    So a squat does not count as sitting: in a short squat, the pelvis does not rest, and people cannot squat with the
+    centre of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood
+    up.
     """
 
-    # degrees from the vertical; sitting begins if the inclination of both thighs exceeds this
+    # degrees from the vertical; sitting begins when both thighs are inclined by more than this
     seated_enter_deg: Positive = 65.0
-    # degrees from the vertical; sitting ends if the inclination of a thigh is below this
+    # degrees from the vertical; sitting ends when a thigh is inclined by less than this
     seated_leave_deg: Positive = 55.0
     behind_feet_m: Positive = 0.07  # m, least distance of a seated centre of mass behind the ankles: a heel plus errors
     rest_s: Positive = 1.0  # s, minimum time of the pelvis within ``rest_height`` of its seated or standing height
     rest_height: Positive = 0.05  # leg lengths, tolerance of the pelvis's height at rest
     settle_s: Positive = 3.0  # s, time before and after a transition in which the heights of both postures are measured
-    # share of the height's change that happens before the transition begins, and again after it ends
+    # share of the height's change that is left out at the beginning, and again at the end, of a transition
     edge: Positive = 0.05
     longest_s: Positive = 20.0  # s, maximum duration of a transition; a longer transition includes a pause
 
@@ -221,8 +222,8 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
-    """Return whether the pelvis stays near its lowest height in a run for long enough. height (k,): of the pelvis; for
-    standing with the sign reversed, since it must then stay near its greatest height.
+    """Return whether the pelvis stays near its lowest height in a run for long enough. height (k,): height of the
+    pelvis. For standing, pass it with the sign reversed, since the pelvis must then stay near its greatest height.
     """
     there = np.isfinite(height)
     if not there.any():

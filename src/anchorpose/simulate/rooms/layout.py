@@ -14,7 +14,7 @@ from anchorpose.simulate.rooms.walls import Outline
 TRIES: Final = 120  # maximum number of places that are tried for a piece
 CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of furniture
 PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
-SIGHT_CLEAR_M: Final = 0.35  # m that stay free of furniture on both sides of the line of sight from camera to patient
+SIGHT_CLEAR_M: Final = 0.35  # m, free of furniture on each side of the line of sight from camera to patient
 LEGS_CLEAR_M: Final = 0.5  # m, minimum distance between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04  # m; low furniture stays this far below the line from the camera to the patient's middle
 
@@ -68,7 +68,7 @@ def stand_before(
 
 
 def _draw_place(rng: np.random.Generator, kind: Clutter, piece: Piece, outline: Outline) -> tuple[np.ndarray, float]:
-    """Draw a place (x, z) and a yaw: at a wall with the back to it, or anywhere, depending on the kind."""
+    """Draw a piece's place (x, z) and yaw: at a wall with its back to the wall, or anywhere, depending on the kind."""
     o = outline
     x, z = rng.uniform(o.front_m + 0.3, o.back_m - 0.3), rng.uniform(o.left_m + 0.3, o.right_m - 0.3)
     if kind not in AT_WALLS and rng.random() < 0.7:

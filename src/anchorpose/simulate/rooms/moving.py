@@ -18,7 +18,7 @@ from anchorpose.simulate.timeline import body_course, ease
 STEP_S: Final = 0.05  # s between the times for which the place of moved furniture is computed
 AHEAD_M: Final = 0.35  # m, distance between a person who pushes and the nearest part of the furniture
 OPENING_S: Final = 1.6  # s, time that a door takes to open
-BEFORE_S: Final = 3.0  # s, time before and after the recording for which furniture's places are also computed
+BEFORE_S: Final = 3.0  # s, time before and after the recording for which places of furniture are computed, too
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,8 @@ class Mover:
 
 
 def pushed(piece: Piece, pusher: Actor, lane: Lane, starts_m: float, seconds: float) -> Mover:
-    """Return a piece that stands at ``starts_m`` along a lane until a person who walks along the lane pushes it.
+    """Return a piece of furniture that stands at the distance ``starts_m`` along a lane, until a person who walks along
+    this lane pushes it.
 
     The piece faces the direction of the push. After the push, the piece stays at the place at which the person turns
     back.

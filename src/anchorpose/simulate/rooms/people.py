@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
-BACK_REST_M: Final = 0.45  # m, height of a chair's back rest above the seat
+BACK_REST_M: Final = 0.45  # m, height of the top of a chair's back rest above the seat
 RISING_S: Final = 2.0  # s, minimum duration of the movement to which a seat is fitted; ``_rising`` stands up earlier
 
 
@@ -89,8 +89,8 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the person with rising from the seat as the only movement, so that a wheelchair is also fitted to standing
-    legs.
+    """Return the person with rising from the seat as the only movement. A wheelchair fitted to this person also leaves
+    space for standing legs.
     """
     if isinstance(patient, CapturedActor):
         return patient
@@ -127,8 +127,8 @@ def moved_actor(actor: Actor, place_m: np.ndarray, yaw: float) -> Actor:
 
 
 def over_origin(patient: Actor, seat: Piece | None, share: float) -> tuple[Actor, Piece | None]:
-    """Move a person and the seat forward by ``share`` times the distance by which the pelvis moves back in sitting
-    down.
+    """Move a person and the seat forward: by ``share`` times the distance by which the pelvis moves back when the
+    person sits down.
     """
     ahead_m = -share * dict(seated_offsets(patient.person))["pelvis_forward"]
     place = np.array([ahead_m, 0.0])

@@ -32,7 +32,8 @@ Clutter = Literal[
 ]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # m, limits of the distance from camera to patient along the floor
-# m, maximum distance from the camera to a late patient, who would otherwise walk until the recording ends
+# m, maximum distance from the camera to a late patient; from a greater distance, the walk would take the whole
+# recording
 FARTHEST_LATE_M: Final = 3.3
 RANGE_MARGIN_M: Final = 0.5  # m, space for movements between the patient and the end of the sensor's range
 LOWEST_M, HIGHEST_M = 0.5, 2.5  # m, limits of the camera's height
@@ -129,8 +130,9 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
-    """Return how high in the image a point appears that is ``height_m`` above the patient's place. The value is its
-    angle above the optical axis, divided by half of the vertical field of view. Outside the image, it is beyond ±1.
+    """Return the vertical position in the image of a point that is ``height_m`` above the patient's place. The position
+    is its angle above the optical axis, divided by half of the vertical field of view. Outside the image, it is beyond
+    ±1.
 
     place: the camera's distance_m, height_m, tilt_rad.
     """
@@ -139,8 +141,8 @@ def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float
 
 
 def framing_of(sensor: str, place: tuple[float, float, float], head_m: float) -> Framing | None:
-    """Return which parts of a person at the patient's place the image border cuts off; None if too little of the person
-    is seen, or if the border is too near to head or feet to decide.
+    """Return the framing: the parts of a person at the patient's place that the image border cuts off. Return None if
+    too little of the person is seen, or if the border is too near to head or feet to decide.
     """
     half = _half_view_rad(sensor)
     cut, kept = 1.0 + CLEARLY_RAD / half, 1.0 - INSIDE_RAD / half

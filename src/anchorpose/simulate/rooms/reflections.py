@@ -1,4 +1,4 @@
-"""Render a room without its people: what never moves, moved furniture, and what a mirror shows."""
+"""Render a room without its people: all that never moves, furniture that moves, and the images in a mirror."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from anchorpose.camera import Camera
 from anchorpose.simulate.render import NOTHING, Figure, TrueImage, draw_figures, first_hits, ray_directions
 from anchorpose.simulate.rooms.walls import Mirror
 
-NEARER_THAN_ALL_M: Final = 1e-3  # m, smaller than all depths, so pixels with this depth are not drawn over
+NEARER_THAN_ALL_M: Final = 1e-3  # m, smaller than all real depths, so that pixels with this depth are never overwritten
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -168,7 +168,7 @@ def _late(rng: np.random.Generator, draft: _Draft, patient: Actor) -> Actor:
 
 
 def _add_person(rng: np.random.Generator, draft: _Draft, other: Other, pushes: bool) -> None:
-    """Add a person who sits, stands, walks through or pushes furniture, if there is a free place."""
+    """Add a person who sits, stands, walks through or pushes furniture, if a place is free."""
     config = draft.config
     if other in ("sits", "stands"):
         place = _free_place(rng, draft, PERSON_CLEAR_M)

@@ -20,7 +20,7 @@ WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spoil:
-    """The losses of readings in one recording."""
+    """The disturbances of the depth images of one recording."""
 
     dark: np.ndarray  # (b + 1,) bool, by part number as in ``TrueImage``: parts of the patient in black cloth
     dark_loss: float  # share of black cloth without a reading

@@ -67,7 +67,7 @@ class BackWall:
     """
 
     opening: Panel | None
-    way_out: bool  # True: the opening is a doorway, open or with a door that opens; False: it is a window
+    way_out: bool  # True: the opening is a doorway, without a door or with a door that opens; False: a window
     mirror: Panel | None
     poster: Panel | None
 

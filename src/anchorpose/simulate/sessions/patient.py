@@ -16,13 +16,13 @@ from anchorpose.simulate.sessions.plan import EXTENDING_S, PAUSE_S, RESTING_DEG,
 from anchorpose.simulate.timeline import Footwork, Movement, Step, ball_ahead_m, stand
 
 HANDS_S: Final = 0.5  # s, time in which a hand leaves a rail or returns to it
-CARRY_S: Final = 0.6  # s, time after standing up until the bend of the knees fully sets the pelvis's height
-ALWAYS_S: Final = 1e5  # s, longer than any session
+CARRY_S: Final = 0.6  # s, time after standing up until the knees' bend alone determines the pelvis's height
+ALWAYS_S: Final = 1e5  # s, a duration that is longer than any session
 
 BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then stays bent
-OTHER_KNEE: Final = 0.4  # bend of the other knee, which follows the sinking pelvis, as a share of the buckle's depth
+OTHER_KNEE: Final = 0.4  # bend of the other knee, since the pelvis sinks, as a share of the buckle's depth
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
 # range of the share of the way up that a failed stand reaches; from about 0.7 on, the patient would be upright
@@ -100,8 +100,8 @@ def _holding(trial: PlannedTrial) -> Movement:
 
 
 def _hands(trial: PlannedTrial) -> list[Movement]:
-    """Return movements that take the hands off the rails: for the whole trial if it is planned so, from before sitting
-    down until standing in a trial with a failed stand, or around a recovery step.
+    """Return movements that take the hands off the rails: for the whole trial if the trial is planned without hands; in
+    a trial with a failed stand, from before sitting down until standing; or around a recovery step.
     """
     if trial.hands_off:
         return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
@@ -115,8 +115,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return when the hands leave the rails for a recovery step and when they are back. The fall and the recovery are
-    in the middle of the time in which the knees stay extended.
+    """Return the times at which the hands leave the rails for a recovery step and are back on them. The fall and the
+    recovery are in the middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

@@ -18,18 +18,19 @@ INCIDENTS: Final[tuple[Incident, ...]] = ("buckle", "failed-stand", "recovery-st
 
 SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and two seconds with extended knees
 PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
-BLOCK: Final = 2  # number of trials of each condition in a block; their order within the block is random
+BLOCK: Final = 2  # number of trials of each condition in a block; the order within a block is random
 
 # degrees, knee flexion of the standing patient between extensions; above 25, at which the measures end an extension
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
 SIDES_DEG: Final = 2.0  # degrees, maximum difference in flexion between a patient's extended knees
-# degrees, standard deviation of held knee flexion from trial to trial; assumed for a patient whose trials are alike
+# degrees, standard deviation of held knee flexion between trials; assumed for a patient with similar trials
 SCATTER_DEG: Final = 1.5
 LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
-# share of the trial that is left when the knees begin to bend again, unless stimulation holds the knees extended longer
+# Time from the moment at which the knees begin to bend again to the end of the trial, as a share of the trial, unless
+# stimulation holds the knees extended longer.
 LETS_GO: Final = 0.15
 
 

@@ -30,12 +30,13 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    # largest difference between a node's distances to the anchors and those of the nodes in its psi; the paper's
-    # authors chose this limit by hand
+    # Maximum difference between a node's distances to the anchors and the distances of the nodes in its psi. The
+    # paper's authors chose this limit by hand.
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
-    # whether, for surface that a hole cuts off from some anchors, the anchors that still reach it form an extra subset
+    # Whether a piece of surface that a hole cuts off from some anchors has an extra subset: the anchors that still
+    # reach it.
     pieces: bool = True
 
 

@@ -67,7 +67,7 @@ def _rops(seen: Observation, config: RopsConfig) -> np.ndarray:
 
 
 USUAL_RADIUS_M = 0.05
-"""Customary radius in metres within which a descriptor is computed, for objects on a table and also for people."""
+"""Radius in metres within which descriptors are customarily computed, for objects on a table and also for people."""
 
 
 def _both(
@@ -277,6 +277,6 @@ SPECTRAL = (
 _SHOT = next(method for method in LOCAL if method.key == "shot")
 
 FILTERED = (replace(_SHOT, key="shot-filter", title="SHOT with a Kalman filter", update=Update.KALMAN),)
-"""SHOT with the Kalman filter that the method "next generation" also uses, to show what this filter alone changes."""
+"""SHOT with the Kalman filter of the method "next generation", which shows the effect of this filter alone."""
 
 METHODS = (*LOCAL, *FILTERED, *MESH, *SPECTRAL)

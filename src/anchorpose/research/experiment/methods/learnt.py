@@ -24,7 +24,7 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    local: float = 0.0  # factor of SHOT's signature, appended to the place (in body heights); 0 = only the place
+    local: float = 0.0  # factor of SHOT's signature, which is appended to the place (in body heights); 0 = place only
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:

@@ -26,14 +26,14 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-# sigma^2, maximum squared deviation of a distance or place; greater values, which occlusions cause, are set to this
-# maximum, and so is the deviation of an unknown distance
+# Maximum squared deviation of a distance or place, in sigma^2. Greater values, which occlusions cause, are set to this
+# maximum, and so is the deviation of an unknown distance.
 MOST: Final = 9.0
-# sigma^2, maximum squared deviation of a signature; a hole beside a node changes its signature, so greater values are
-# set to this maximum
+# Maximum squared deviation of a signature, in sigma^2. Greater values are set to this maximum, since a hole beside a
+# node changes the node's signature.
 MOST_SHOT: Final = 18.0
-# m, distance from the predicted place beyond which a match is rejected: a hand at 3 m/s moves this far in 0.1 s, and
-# its descriptor still identifies it
+# Maximum distance in m of a match from the predicted place. A hand at 3 m/s moves this far in 0.1 s, and its descriptor
+# still identifies it.
 GIVEN_UP_M: Final = 0.30
 # number of nodes matched at once, to save memory: 500 nodes with 2,000 possible matches each need 4 MB
 ROWS: Final = 500
@@ -46,7 +46,7 @@ class NextSetting:
 
     anchor_sigma_m: float = 0.04  # m, sigma of the change of a node's distance to an anchor between two frames
     shot_sigma: float = 0.15  # sigma of the distance between a node's signatures (of unit length) in two frames
-    place_sigma_m: float = 0.03  # m, sigma of a node's movement between two frames, small since most skin hardly moves
+    place_sigma_m: float = 0.03  # m, sigma of a node's movement between two frames; small, since most skin hardly moves
     cost_m: float = 0.01  # m, cost in the track tree of a match whose nodes deviate by one sigma
 
 
@@ -63,7 +63,7 @@ SETTINGS: Final = (
 def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
     """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker.
 
-    If bad matches are rejected, these are the matches farther than ``GIVEN_UP_M`` from the predicted place.
+    If bad matches are rejected, matches farther than ``GIVEN_UP_M`` from the predicted place count as bad.
     """
     tree = config.tree if config.tree.missed_cost_m == NEVER_M else TreeConfig(missed_cost_m=GIVEN_UP_M)
     hypotheses = HypothesisConfig(trusted_only=False)
@@ -112,7 +112,7 @@ def _unlike(source: np.ndarray, target: np.ndarray, sigma: float) -> np.ndarray:
     Since signatures have unit length, a squared distance is 2 minus twice their scalar product.
     """
     apart2 = 2.0 * source @ target.T
-    # computed in place: making new arrays of this size takes longer than the arithmetic
+    # computed in place, since making new arrays of this size takes longer than the arithmetic
     np.subtract(2.0, apart2, out=apart2)
     np.maximum(apart2, 0.0, out=apart2)
     apart2 /= np.float32(sigma**2)
@@ -141,7 +141,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # a node that deviates more than this in signature and place alone is not the most similar
+        worst = sums.max()  # nodes that deviate more in signature and place alone are not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue
@@ -195,7 +195,7 @@ def _add_up(
 
 
 def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.ndarray:
-    """Return e_1 (5,) float32, m: for each anchor, how much its jitter changes all nodes' distances to it.
+    """Return e_1 (5,) float32, m: for each anchor, the amount by which its jitter changes all nodes' distances to it.
 
     e_1 is estimated as the median, over nodes, of the node's distance to the anchor minus the same distance of the
     node's match by the local descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local:

@@ -2,8 +2,7 @@
 
 The method's anchors are the paper's extrema. For each subset of three anchors, a node's match is the node nearest to
 the average of psi, the set of nodes with similar distances to these anchors. The paper's tree chooses among these
-matches, and ICP registers each body part. Where the text leaves a choice open, docs/experiment.md states what was
-chosen.
+matches, and ICP registers each body part. docs/experiment.md states each choice that the text leaves open.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Provide what all figures share: colours, and line styles and marks that distinguish methods even without colour.
+"""Provide the common style of all figures: colours, and line styles and marks that distinguish methods even without
+colour.
 
 The same tables always give the same bytes of a figure.
 """
@@ -37,7 +38,7 @@ LOOK: Final = {
 }
 """Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, low so that the intervals of 20 methods hide no means
+PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, so low that those of 20 methods hide no means
 
 MARKS: Final = "osD^vP*X"
 """Matplotlib's markers for the methods of one family, in the order of the methods."""
@@ -128,7 +129,7 @@ def _settings(salt: str) -> Any:
 
 
 def look_of(method: Method, methods: Sequence[Method]) -> dict[str, Any]:
-    """Return matplotlib's style of a method: a mark of its own, and the colour and line style of its family.
+    """Return matplotlib's style of a method: its own mark, and the colour and line style of its family.
 
     The proposed method and this project's tracker have thick lines and filled marks.
     """

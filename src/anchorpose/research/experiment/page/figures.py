@@ -38,7 +38,9 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """Draw each joint's error, in a panel per group of families (``PANELS``); every panel has the proposed method."""
+    """Draw each joint's error, in one panel per group of families (``PANELS``). Every panel also shows the proposed
+    method.
+    """
     table = tables[0]
     present = {method.family for method in table.methods}
     panels = [panel for panel in PANELS if present & set(panel)]
@@ -185,7 +187,7 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """Draw a panel for each column of the table, which is a scene with or without holes, and a dot per method."""
+    """Draw one panel per column of the table (a scene with or without holes), with a dot per method."""
     table = tables[0]
     methods, columns = table.methods, table.columns
     wide = min(len(columns), 5)

@@ -1,6 +1,6 @@
 """Make tables by form of the framework and by gap between frames; compare "next generation" with the other methods.
 
-Forms differ in whether body parts are registered to the surface too, and in whether bad matches are rejected.
+Forms differ in whether body parts are also registered to the surface, and in whether bad matches are rejected.
 """
 
 from __future__ import annotations

@@ -25,10 +25,10 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum share of the paper's number of nodes; times of smaller meshes prove nothing
-CLEARLY_LESS: Final = 0.8  # largest ratio of the error at head and neck to that elsewhere to count as "clearly less"
-# smallest share of matches of hands or feet on the opposite hand or foot that counts as "often"; by chance it is 1 in
-# 40
+COMPARABLE: Final = 0.8  # minimum number of nodes, as a share of the paper's; times of smaller meshes prove nothing
+CLEARLY_LESS: Final = 0.8  # maximum ratio of the error at head and neck to the error elsewhere for "clearly less"
+# Minimum share, for "often", of the matches of hands or feet that lie on the opposite hand or foot. By chance, this
+# share is 1 in 40.
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -196,7 +196,9 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes, since matching only easy nodes lowers the error."""
+        """Return texts with each method's share of matched nodes. The reader needs it, since a method that matches only
+        easy nodes has a lower error.
+        """
         lines = []
         for key in keys:
             if key in self._methods:

@@ -87,11 +87,11 @@ SIGNS: Final = {
     Verdict.NOT: ("not", "✗"),
     Verdict.UNKNOWN: ("unknown", "?"),
 }
-"""CSS class and sign of each verdict. The sign is for readers who do not see the colour."""
+"""CSS class and sign of each verdict. The sign is for readers who cannot see the colour."""
 
 
 MOST_NAMED: Final = 3
-"""Comparisons with the answer no are listed in a claim's short text if their number is at most this."""
+"""Maximum number of comparisons with the answer no that are listed in a claim's short text; more are not listed."""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
@@ -154,7 +154,8 @@ def _claim_row(claim: Claim) -> str:
 
 
 def _figures(claim: Claim) -> str:
-    """Return a short text on a claim's comparisons: how many have each answer, and the range of their values.
+    """Return a short text on a claim's comparisons: the number of comparisons with each answer, and the range of their
+    values.
 
     If at most ``MOST_NAMED`` comparisons answer no, they are listed.
     """

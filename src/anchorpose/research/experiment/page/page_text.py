@@ -70,7 +70,7 @@ LIMITS: Final = (
 
 
 def summary_html(results: ExperimentResults, claims: Sequence[Claim], tables: Sequence[Table]) -> str:
-    """Return how many claims have each verdict, and the errors of the best methods, as HTML."""
+    """Return, as HTML, the number of claims with each verdict, and the errors of the best methods."""
     counts = Counter(claim.verdict for claim in claims)
     verdicts = ", ".join(
         f"{counts[verdict]} {_plural(verdict, counts[verdict])}" for verdict in Verdict if counts[verdict]
@@ -114,7 +114,9 @@ def _best(errors: Table, column: str, family: Family) -> str | None:
 
 
 def run_html(results: ExperimentResults) -> str:
-    """Return what was run, as HTML: recordings, holes, methods with their sources, and how settings were chosen."""
+    """Return a description of the run as HTML: recordings, holes, methods with their sources, and the choice of
+    settings.
+    """
     config = results.config
     others = ", ".join(scene for scene in config.scenes if scene is not Scene.PAPER)
     holes = ", ".join(f"{hole:g} m" for hole in config.holes_m if hole)

@@ -15,7 +15,7 @@ from anchorpose.research.experiment.method import OWN, Family, Method
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults, Matched, Tracked
 
 Kept = Mapping[tuple[str, float], np.ndarray]
-"""For each recording and size of hole (m): the frames on which methods are compared, in ascending order."""
+"""The frames on which methods are compared, in ascending order, by recording and size of hole (m)."""
 
 
 def compared(methods: Iterable[Method]) -> list[Method]:
@@ -49,7 +49,7 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """The results of tracking in one form of the framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker does not run in the framework, so its frames are included in
+    Recordings are sorted by name. This project's tracker runs outside the framework, so its frames are included in
     every form.
     """
 
@@ -131,7 +131,9 @@ class Tracking:
 
 
 def left_out(results: ExperimentResults) -> tuple[int, int]:
-    """Return how many planned segments of the simulated recordings no method ran on, and how many were planned."""
+    """Return two numbers: the planned segments of the simulated recordings on which no method ran, and all planned
+    segments.
+    """
     config, ran = results.config, dict[tuple[Scene, str], int]()
     for run in results.tracked:
         if run.scene is not Scene.REAL:
@@ -181,7 +183,7 @@ class Matching:
     def values(
         self, method: str, take: Callable[[Matched], np.ndarray], hole_m: float | None = None
     ) -> dict[str, np.ndarray]:
-        """Return what ``take`` returns for a method's matches, by recording; hole_m: None = for all sizes of hole."""
+        """Return the result of ``take`` for a method's matches, by recording; hole_m: None = for all sizes of hole."""
         parts: dict[str, list[np.ndarray]] = defaultdict(list)
         for window in self.windows:
             if hole_m in (None, window[1]):
@@ -213,8 +215,8 @@ MOVED_MM: Final = 30.0  # mm, movement between the two frames above which a node
 
 
 def penalised_mm(match: Matched) -> np.ndarray:
-    """Return the distances of ``tree_mm``, but ``MISSED_MM`` for a node without a match, so that a method does not look
-    better because it matches fewer nodes.
+    """Return the distances of ``tree_mm``, with ``MISSED_MM`` for nodes without a match, so that matching fewer nodes
+    does not improve a method's result.
     """
     return np.where(np.isfinite(match.tree_mm), match.tree_mm, MISSED_MM)
 

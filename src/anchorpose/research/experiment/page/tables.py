@@ -20,7 +20,7 @@ from anchorpose.research.experiment.method import Method
 
 NORMAL_TAIL = 1.959964  # in standard deviations: half of the width of the normal distribution's 95 % interval
 BOOTSTRAP_KEY = 13  # seed of the bootstrap's random draws
-MEDIAN_STEPS = 1024  # number of quantiles, 0.1 % of the values apart, to which ends of a median's interval are rounded
+MEDIAN_STEPS = 1024  # number of quantiles, 0.1 % apart, to which the ends of a median's interval are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,8 @@ def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def _with_interval(value: float, drawn: np.ndarray, count: int) -> Estimate:
-    """Return a value with its interval: percentiles of its bootstrap draws, moved apart for ``count`` recordings.
+    """Return a value with its interval: percentiles of its bootstrap draws, which are moved apart to correct for the
+    small number ``count`` of recordings.
 
     The bootstrap's interval of n values is too narrow by sqrt((n - 1) / n), and has the tails of the normal
     distribution instead of Student's (Hesterberg 2015, doi:10.1080/00031305.2015.1089789). With four recordings, a 95 %

@@ -125,7 +125,7 @@ def of_body(summarise: Summary) -> Summary:
 
 
 def note_on(kept: Kept) -> str:
-    """Return the note below a table: which frames it is made from, and how many."""
+    """Return the note below a table, which states from which frames, and from how many, the table is made."""
     sizes = {hole for _, hole in kept}
     count = sum(len(chosen) for chosen in kept.values()) // max(len(sizes), 1)
     return f"{SAME_NOTE} {count} frames for each size of hole."

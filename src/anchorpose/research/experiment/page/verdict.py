@@ -55,7 +55,7 @@ class Claim:
     text: str  # the claim in our words
     rule: str  # condition under which the answer of a comparison is yes
     checks: tuple[Check, ...]  # every comparison
-    context: tuple[str, ...] = ()  # related values for the reader, which do not affect the verdict
+    context: tuple[str, ...] = ()  # further values for the reader, which do not affect the verdict
 
     @property
     def verdict(self) -> Verdict:
@@ -67,8 +67,8 @@ def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
     The claim holds in part if at least half of the comparisons answer yes, or if more answer yes than no and at least
-    one answers no. Otherwise the claim does not hold if any comparison answers no, and is undecided if no comparison
-    does.
+    one answers no. Otherwise the claim does not hold if any comparison answers no. If no comparison answers no, it is
+    undecided.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:

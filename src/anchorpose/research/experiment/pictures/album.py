@@ -135,7 +135,7 @@ ROUNDS: Final = 5  # number of runs in which each step is timed; the median of t
 def measure_times(frame: int, given: GivenFrames, run: Run) -> PaperTimes | None:
     """Return the times of the paper's steps (mesh and distances) on one frame, measured after everything was compiled.
 
-    Return None if nobody was found in the frame.
+    Return None if the patient was not found in the frame.
     """
     fine = replace(run.config.surface, step=1)
     window = take_window(frame, given, run)
@@ -187,8 +187,8 @@ def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
 
     The folder has no pictures if nothing can be drawn. Pictures are made from the last training recording, which has
     fast movements; if this fails, from the recording before it. Times are measured on a larger image
-    (``_paper_size_times``), but not in a run that does not tune settings, since it only shows that the program runs.
-    Pictures that an earlier run made from the same inputs are kept.
+    (``_paper_size_times``). A run that does not tune settings measures no times, since it only shows that the program
+    runs. Pictures that an earlier run made from the same inputs are kept.
     """
     plan = spec.plan()
     known = shown_before(out, plan, trainers)
@@ -213,7 +213,9 @@ def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
 
 
 def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
-    """Return the result of the call of ``show`` that made the pictures; None without pictures from the same inputs."""
+    """Return the result that ``show`` had when it made the existing pictures; None if no pictures from the same inputs
+    exist.
+    """
     try:
         account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))
         if account["made_of"] != _made_of(plan, trainers):

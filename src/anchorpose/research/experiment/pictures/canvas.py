@@ -30,7 +30,7 @@ DOTS_PER_INCH: Final = 110
 COLOURS: Final = 256  # number of colours in a picture: the maximum for a PNG with a palette
 BLUE, VERMILLION, GREEN = as_hex(Ink.BLUE), as_hex(Ink.VERMILLION), as_hex(Ink.GREEN)
 BARE: Final = np.array([0.86, 0.86, 0.86])
-"""Colour of a mesh that is drawn without coloured data, so that only its shape is visible."""
+"""Colour (red, green, blue) of a mesh without coloured data, of which only the shape is shown."""
 
 # direction to the light (right, up, towards the viewer); the light comes from above the viewer's left shoulder
 LAMP: Final = np.array([-0.35, 0.45, 0.82])
@@ -58,7 +58,7 @@ class View:
         return np.asarray(points_m @ self.axes[:2].T + np.array([shift_m, 0.0]))
 
     def near_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (...) how near the points are to the viewer: metres from the world's origin towards the viewer."""
+        """Return the nearness (...) of points to the viewer: metres from the world's origin towards the viewer."""
         return np.asarray(points_m @ self.axes[2])
 
 
@@ -140,7 +140,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    # the frame is not removed by set_axis_off, since the layout would then leave no space for the title
+    # not set_axis_off, with which the layout would leave no space for the title
     axes.set(xticks=[], yticks=[], frame_on=False)
 
 

@@ -30,7 +30,8 @@ COLOURS: Final = (
     "#117733",
     "#aa4499",
 )
-"""Colours of subsets of anchors: ten for subsets of three, two for smaller ones (on surface that a hole cuts off).
+"""Colours of subsets of anchors: ten for subsets of three anchors, two for smaller subsets (on surface that a hole cuts
+off).
 
 The first eight are Okabe and Ito's colours, the last four are of Paul Tol's muted colours.
 """

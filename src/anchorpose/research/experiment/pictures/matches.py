@@ -1,4 +1,4 @@
-"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, right and wrong ones."""
+"""Draw the paper's figures "appearance" and "mesh": one per cent of each method's matches, both right and wrong."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SECTION: Final = "matches"
-ALONE = "match"  # section of pictures that show one method each; the page shows only the picture of all methods
+ALONE = "match"  # section of the pictures of single methods; the page shows only the picture of all methods
 DRAWN_SHARE: Final = 0.01  # share of the matches that are drawn, as in the paper; more lines would hide each other
 RIGHT_M: Final = 0.05  # m, maximum error of a right match: the paper's bound on the error of an anchor
 DRAW_SEED: Final = 17
@@ -168,7 +168,7 @@ def describe_pairs(pairs: Pairs, moment: Moment) -> str:
 
 
 def percent(share: float) -> str:
-    """Format whole per cent; 0 and 100 only if exact, so that a single wrong match among right ones is not hidden."""
+    """Format a share as whole per cent. Only exact values give 0 or 100, so that a single wrong match is not hidden."""
     if 0.0 < share < 0.01:
         return "< 1 %"
     if 0.99 < share < 1.0:

@@ -31,7 +31,7 @@ SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
 ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
 # colours of a hole's border: its bright part, its shadowed part (both as in the paper), and the rest
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"
-LEAST_BLUE: Final = 0.25  # place in the colour map (0 to 1) where the scale starts: small distortions must be visible
+LEAST_BLUE: Final = 0.25  # start of the scale in the colour map (0 to 1), so that small distortions are visible
 CUT_OFF: Final = (0.80, 0.47, 0.65)  # colour of nodes that the hole disconnects from the anchor
 
 
