@@ -178,9 +178,14 @@ def code_of(path: Path) -> bytes:
         return path.read_bytes()
     tree = ast.parse(path.read_bytes())
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
-            del node.body[0]
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            node.body = [step for step in node.body if not _is_prose(step)]
     return ast.dump(tree).encode()
+
+
+def _is_prose(step: ast.stmt) -> bool:
+    """Return whether a statement is a docstring, of a module, class or function or of the constant before it."""
+    return isinstance(step, ast.Expr) and isinstance(step.value, ast.Constant) and isinstance(step.value.value, str)
 
 
 @functools.cache

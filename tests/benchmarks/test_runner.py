@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from intervals import paired_difference, wilson
 from probing import script_of
-from recordings import OneFrame, Simulated
+from recordings import OneFrame, Simulated, code_of
 from remarks import REMARKS
 from room_suites import STARTS
 from scores import LABELS
@@ -49,6 +49,24 @@ def test_hard_scenes_for_tuning_show_nothing_of_what_is_held_out():
     assert not {s for config in tuning for s in config.subjects} & {s for config in held_out for s in config.subjects}
     assert len({config.movement for config in held_out} - {config.movement for config in tuning}) == 2
     assert {config.equipment for config in held_out} - {config.equipment for config in tuning} == {"sling"}
+
+
+def test_other_words_are_the_same_code_and_other_values_are_not(tmp_path):
+    source = '"""A module."""\nA = {0}\n"""m, a length."""\ndef f():\n    """Return A."""\n    return "{1}"\n'
+    written = {}
+    for name, text in {
+        "first": source.format(1, "a"),
+        "reworded": source.format(1, "a")
+        .replace("A module", "The module")
+        .replace("length", "width")
+        .replace("Return A", "A"),
+        "value": source.format(2, "a"),
+        "text": source.format(1, "b"),
+    }.items():
+        (tmp_path / f"{name}.py").write_text(text)
+        written[name] = code_of(tmp_path / f"{name}.py")
+    assert written["first"] == written["reworded"]
+    assert len(set(written.values())) == 3
 
 
 @pytest.fixture(scope="module")
