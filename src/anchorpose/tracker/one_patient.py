@@ -39,12 +39,11 @@ def one_patient(
 
     Other people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
     searched for whenever a check is ``due``, since the predicted skin does not reveal a body that was fitted to another
-    person by mistake. If the descriptor takes one person for two, fitted rough bodies show the error
-    (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
-    shows enough surface gets a new label. A person of smaller surface gets a new label only if many of the patient's
-    pixels, and most of this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin
-    without uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused
-    label.
+    person by mistake. If the descriptor takes one person for two, fitted rough bodies show it (``see_people_apart``).
+    The patient is the person with most surface near the predicted place. Every other person who shows enough surface
+    gets a new label. A person of smaller surface gets a new label only if many of the patient's pixels, and most of
+    this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without uncertain
+    points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
