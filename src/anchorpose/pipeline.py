@@ -81,7 +81,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     stopwatch = Stopwatch()
     with stopwatch.stage("calibration and background"):
         room = prepare_room(recording, config, inputs.review)
-    run, route = Run(room, config, motions, stopwatch), plan_route(room, config, _counter(progress, work))
+    run, tick = Run(room, config, motions, stopwatch), _counter(progress, work)
     points = body_points()
     shared = {
         "run": run,
@@ -94,15 +94,15 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     journal = Journal(begun, shared)
 
     # stage body: learn the shape of the patient's body in a first pass over the first seconds
-    learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(route, run))
+    learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(plan_route(room, config, tick), run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)
     if learnt is not None:
-        run = run.with_learnt(learnt.belief)
+        run = replace(run.with_learnt(learnt.belief), room=learnt.where_found(room))
     journal = replace(journal, shared={**journal.shared, "run": run, "room": run.room})
 
     # stages for every frame: descriptor, isolation, surface, geodesics, motion, body; then results and report
-    frames = track_on(route, run, learnt, journal)
+    frames = track_on(plan_route(run.room, config, tick), run, learnt, journal)
     clear_beside_journal(results)
     write_results(results, frames, run, learnt, inputs)
     end_journal(results)

@@ -20,11 +20,13 @@ from anchorpose.body.belief import Pace, PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
-from anchorpose.body.explanation import seen_past
-from anchorpose.body.initial import find_rough_pose
+from anchorpose.body.explanation import seen_past, segment_of_points
+from anchorpose.body.initial import find_rough_poses
+from anchorpose.body.likelihood import likelihood
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, match_person, matches_of
 from anchorpose.body.pose import DEGREE, POSE_SIZE, TRUNK, Pose
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.shape_prior import child_belief, shape_of_height
 from anchorpose.body.skin_points import Body, SkinPoints, body_points, build_body, pose_points
@@ -96,6 +98,7 @@ class Bystander:
     belief: PoseBelief
     change: np.ndarray  # (POSE_SIZE,) change of the pose between the last two fits; 0 while the person is hidden
     elapsed_s: float  # s, time between the last two fits; negative in a backward pass
+    shown: np.ndarray  # (PARTS, 2) bool, whether the person's pixels show each part of a limb (``Likelihood.seen``)
     hidden_s: float = 0.0  # s, time since the body was last fitted; 0 if it was fitted in this frame
 
 
@@ -121,11 +124,15 @@ class Bystanders:
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
     """Return, for each bystander, the likelihood that a place belongs to this bystander, computed from the predicted
     skin of the bystander's body. elapsed_s: time since the frame of ``bystanders``.
+
+    Limbs that the bystander's pixels do not show are left out: their place is a guess, which proves nothing about other
+    people's pixels at this place.
     """
-    found = []
+    found, segment = [], segment_of_points(points)
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
         skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
+        skin = skin[one.shown.ravel()[segment]]
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
@@ -212,9 +219,9 @@ def label_by_bodies(
 
     Where people touch, the first labels may assign an arm or leg to the wrong person; the bodies correct this.
     """
-    posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
-    likelihood = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
-    return separate(pieces, memory_of(pieces, views), likelihood, 0.0, cameras)
+    posed = _fitted(PixelLabel.PATIENT, patient, person_evidence(views, cameras, PixelLabel.PATIENT))
+    skin = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
+    return separate(pieces, memory_of(pieces, views), skin, 0.0, cameras)
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:
@@ -259,7 +266,8 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
-    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, hidden_s=0.0)
+    shown = likelihood(one.body, found.belief.pose, evidence).seen
+    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, shown=shown, hidden_s=0.0)
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
@@ -288,8 +296,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
         return None
     person = match_person(matches)
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
-    pose = find_rough_pose(body, evidence, person, ROUGHLY)
-    found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
+    poses = find_rough_poses(body, evidence, person, ROUGHLY)
+    tried = [posterior(body, pose, vague_belief(pose), evidence, ROUGHLY) for pose in poses]
+    found = max(tried, key=lambda one: log_probability(body, one.belief.pose, evidence) if one.found else -np.inf)
     # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
@@ -312,7 +321,14 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
     body, found = person
     if found.explained < LEAST_EXPLAINED or not _is_person(body, found.belief.pose, evidence):
         return None
-    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
+    return _fitted(label, person, evidence)
+
+
+def _fitted(label: int, person: RoughPerson, evidence: Evidence) -> Bystander:
+    """Return a person as a bystander who does not move yet."""
+    body, found = person
+    shown = likelihood(body, found.belief.pose, evidence).seen
+    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0, shown)
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import observe_first
-from anchorpose.tracker.passes import Route, learn_on, plan_route
+from anchorpose.tracker.passes import Route, learn_on, plan_route, start_of
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import ORDINARY_HEIGHT_M, ordinary_height_m
@@ -136,15 +136,16 @@ def inspect_frame(
 
 
 def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    learnt, room = learn_on(route, run), run.room
-    if learnt is None or room.initial_frame is None:
+    learnt = learn_on(route, run)
+    if learnt is None or run.room.initial_frame is None:
         return None, ("No body could be fitted to this person, so track finds no joint in any frame.",)
-    reached = _follow(route, room.initial_frame, position, learnt.shape, run.with_learnt(learnt.belief))
+    room = learnt.where_found(run.room)
+    run = replace(run.with_learnt(learnt.belief), room=room)
+    initial = replace(room.initial_frames[0], start=start_of(route, run, learnt))
+    reached = _follow(route, initial, position, learnt.shape, run)
     if reached is None:
         return None, ("The patient is lost in this frame: track gives no joint here either.",)
-    return reached, (
-        f"As in track: the body was learnt, and followed from frame {_number(room, room.initial_frame.frame)}.",
-    )
+    return reached, (f"As in track: the body was learnt, and followed from frame {_number(room, initial.frame)}.",)
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
@@ -191,7 +192,7 @@ def _choose(route: Route, positions: Sequence[int], room: Room, config: TrackCon
 def _follow(route: Route, initial: InitialFrame, position: int, shape: FittedShape | None, run: Run) -> _Reached | None:
     """Follow the patient from an initial frame to the frame at ``position``; None if the patient is not found there."""
     frames = route.frames(_course(initial.frame, position, route, run))
-    for estimate, tracker in follow_openly(run, frames, initial.choice, shape):
+    for estimate, tracker in follow_openly(run, frames, initial.choice, shape, initial.start):
         if tracker is None and shape is None:
             return None  # searching every frame is slow without a learnt shape, so the next initial frame is tried
         if estimate.frame_set.frame == _number(run.room, position):

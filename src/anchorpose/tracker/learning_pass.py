@@ -27,7 +27,7 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.other_statures import PosedFrame, frames_nats, with_other_statures
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likeliest, shape_cost
-from anchorpose.tracker.room import Run
+from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
 # number of frames that are kept per frame that learning uses; learning selects frames whose poses differ most
@@ -87,6 +87,17 @@ class LearntPatient:
             return Facing(self.pose, None)
         own = build_body(body_points(), other.shape)
         return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
+
+    def where_found(self, room: Room) -> Room:
+        """Return the room with the first frame that learning used as the initial frame. It differs from the room's
+        initial frame if the patient could not be found there.
+        """
+        initial, number = room.initial_frame, room.recording.streams[0].frame
+        if initial is None or number[initial.frame] == self.frame:
+            return room
+        place = replace(initial.choice, ground_xz_m=self.pose.root_m[[0, 2]], frame=self.frame)
+        found = replace(initial, frame=int(np.flatnonzero(number == self.frame)[0]), choice=place, start=None)
+        return replace(room, initial_frames=(found, *room.initial_frames))
 
 
 class Stretch(NamedTuple):

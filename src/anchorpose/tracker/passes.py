@@ -35,7 +35,7 @@ from anchorpose.tracker.smoothing import (
     smoothed_result,
     trunk_of_back,
 )
-from anchorpose.tracker.start import find_start, start_as_learnt, turn_round
+from anchorpose.tracker.start import start_as_learnt, turn_round
 
 BLOCK: Final = 48
 """Number of frames per stored block. Tracking so many frames takes two to six seconds, and the state stored with each
@@ -296,7 +296,7 @@ class _Passes:
         same start.
         """
         initial = self.run.room.initial_frame
-        start = self.journal.once("start", Start | None, lambda: _start_of(self.route, self.run, self.learnt))
+        start = self.journal.once("start", Start | None, lambda: start_of(self.route, self.run, self.learnt))
         return Follower(self.run, None if initial is None else initial.choice, self._shape, start)
 
     def _follower_back(self, turned: Start | Search | None) -> Follower:
@@ -319,13 +319,13 @@ class _Passes:
         return TrackedFrame(record_of(estimate, self.body, self.run), labels)
 
 
-def _start_of(route: Route, run: Run, learnt: LearntPatient | None) -> Start | None:
+def start_of(route: Route, run: Run, learnt: LearntPatient | None) -> Start | None:
+    """Find the patient in the initial frame, from which the body was learnt. Return None if no body was learnt, or if
+    the learnt body does not fit this frame.
+    """
     initial = run.room.initial_frame
-    if initial is None or not len(route.forward):
+    if initial is None or learnt is None:
         return None
-    frame_set = route.frame(route.forward[0])
-    if learnt is not None and learnt.frame == frame_set.frame:
-        found = start_as_learnt(frame_set, run, initial.choice, learnt.shape, learnt.facing())
-    else:
-        found = find_start(frame_set, run, initial.choice, None if learnt is None else learnt.shape)
+    frame_set = route.frame(initial.frame)
+    found = start_as_learnt(frame_set, run, initial.choice, learnt.shape, learnt.facing())
     return found if isinstance(found, Start) else None
