@@ -174,6 +174,33 @@ def test_whom_something_hides_is_kept_for_a_second_less_and_less_surely():
     assert (late.followed, late.searched) == ((), ())
 
 
+def test_legs_that_nothing_shows_claim_no_place():
+    """A table hides a person's legs, so their place is a guess; pixels of another person may be there."""
+    views = views_of(posed("upright", 0.0))
+    for number, view in enumerate(views):
+        rows = np.flatnonzero((view.labels == LABEL).any(axis=1))
+        table = np.zeros(view.labels.shape, dtype=bool)
+        table[rows[len(rows) // 2] :] = True
+        depth = np.where(table, np.float32(1.0), view.depth_m)
+        views[number] = View(depth, np.where(table, PixelLabel.CLUTTER, view.labels).astype(np.uint8))
+    found = follow_bystanders(Bystanders(), views, CAMERAS, points(), A_FRAME_S)
+    claimed_m = bystander_likelihood(found, points(), 0.0).points_m
+    assert pose_points(the_one(found).body, the_one(found).belief.pose).points_m[:, 1].min() < 0.2
+    assert claimed_m[:, 1].min() > 0.3
+    assert claimed_m[:, 1].max() > 1.6
+    found = see(found, posed("upright", 0.0))  # all limbs are seen again
+    assert len(bystander_likelihood(found, points(), 0.0)) == len(points().part)
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0])
+def test_readings_decide_if_the_descriptor_takes_a_front_for_a_back(monkeypatch, heading_deg):
+    said = bystanders.matches_of
+    monkeypatch.setattr(bystanders, "matches_of", lambda *seen: said(*seen).turned)
+    pose = posed("bent", heading_deg)
+    found = bystanders.rough_person(views_of(pose), CAMERAS, LABEL)
+    assert not found.found.belief.pose.faces_away(pose)
+
+
 def test_the_nodes_of_pixels_are_those_of_every_cameras_sheet():
     views = views_of(posed("upright", 0.0))
     loose = nodes_of_pixels([v.depth_m for v in views], [v.labels == LABEL for v in views], CAMERAS)

@@ -14,12 +14,13 @@ from anchorpose.body.learning import LearnedBody
 from anchorpose.body.pose import Pose
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height
 from anchorpose.body.skin_points import FittedShape, even_clothes
+from anchorpose.isolation.people import PatientChoice
 from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.tracker import learning_pass
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.learning_pass import LearntPatient, Stretch, learn_patient, likelier
 from anchorpose.tracker.other_statures import PosedFrame
-from anchorpose.tracker.room import NO_REVIEW, Review, Run
+from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 
 ROOM = SimpleNamespace(recording=SimpleNamespace(subject=UNKNOWN), initial_frame=None, review=NO_REVIEW)
 START = FittedShape(np.zeros(asset().shape_count), even_clothes(0.006))
@@ -246,6 +247,20 @@ def test_a_pass_for_one_facing_ends_where_the_body_turns_round(monkeypatch, one_
     found = list(learning_pass._windows(run, Stretch(None, None, list), None, 8.0, one_facing))
     assert len(found) == windows
     assert [one.moved for one in found] == [0.0, 9.0][:windows]
+
+
+def test_tracking_begins_where_learning_found_the_patient():
+    """In a room whose initial frame shows too little of the patient, and in a room where it shows enough."""
+    recording = SimpleNamespace(streams=[SimpleNamespace(frame=np.array([10, 12, 14, 16]))])
+    place = PatientChoice(np.array([9.0, 9.0]), "", sure=True)
+    initial = InitialFrame(3, place, 0.5, 1.0, alone=False)
+    room = Room(recording, None, None, (), (initial,), NO_REVIEW)
+    learnt = LearntPatient(ADULT, ADULT, 0.0, standing((0.1, 0.9, 0.2)), 12)
+    found, before = learnt.where_found(room).initial_frames
+    assert before is initial
+    assert (found.frame, found.choice.frame) == (1, 12)
+    np.testing.assert_allclose(found.choice.ground_xz_m, [0.1, 0.2])
+    assert replace(learnt, frame=16).where_found(room) is room
 
 
 def facing(

@@ -1,7 +1,7 @@
 """Find a person's first pose, and a first estimate of the patient's shape, without a predicted pose.
 
 The learnt descriptor matches pixels to places on the body. Poses are fitted to these matches and then registered to the
-surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_poses``
+surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_pose``
 serves for other people and uses a body of given shape.
 """
 
@@ -29,7 +29,7 @@ fitted to the descriptor's matches, which have errors of up to 0.2 m on hands.""
 
 # number of first steps that fit the pose alone; while the pose is still inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
-# m, maximum distance at which a node pulls the skin, per step of ``find_rough_poses``, which takes fewer steps
+# m, maximum distance at which a node pulls the skin, per step of ``find_rough_pose``, which takes fewer steps
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
@@ -117,21 +117,12 @@ def _settle(
     return FirstPose(pose, replace(belief, shape=shape), log, facing_nats(body, pose, evidence.cameras))
 
 
-def find_rough_poses(
-    body: Body, evidence: Evidence, person: MatchedPerson, config: RegistrationConfig
-) -> tuple[Pose, Pose]:
-    """Return two poses of a person's given body: with the facing that the matches show, and with the opposite facing.
-    Each pose is fitted to the matches, then registered to the surface.
-    """
-    return (
-        _rough_pose(body, evidence, person.matches, person.pose, config),
-        _rough_pose(body, evidence, person.matches.turned, None, config),
-    )
-
-
-def _rough_pose(
+def find_rough_pose(
     body: Body, evidence: Evidence, matches: Matches, start: Pose | None, config: RegistrationConfig
 ) -> Pose:
+    """Return the pose of a person's given body: it is fitted to the matches, then registered to the surface. start: a
+    pose that was already fitted to the matches, None without it.
+    """
     pose = fit_matches(body, matches, start)
     for reach_m in _ROUGH_REACHES_M:
         rows = surface_constraints(pose_points(body, pose), evidence.surface, evidence.cameras, reach_m, config)

@@ -21,7 +21,7 @@ from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import seen_past, segment_of_points
-from anchorpose.body.initial import find_rough_poses
+from anchorpose.body.initial import find_rough_pose
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, match_person, matches_of
@@ -289,20 +289,24 @@ class RoughPerson(NamedTuple):
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
     """Fit a body of average shape, with the stature that the pixels show, to the person with this label; return None if
-    too little of the person is seen.
+    too little of the person is seen. Of the facing that the descriptor shows and the opposite facing, the more probable
+    facing is kept.
     """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
         return None
     person = match_person(matches)
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
-    poses = find_rough_poses(body, evidence, person, ROUGHLY)
-    tried = [posterior(body, pose, vague_belief(pose), evidence, ROUGHLY) for pose in poses]
-    found = max(tried, key=lambda one: log_probability(body, one.belief.pose, evidence) if one.found else -np.inf)
+    pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
+    found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
-    return RoughPerson(body, found) if found.found else None
+    pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)
+    turned = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
+    both = [one for one in (found, turned) if one.found]
+    best = max(both, key=lambda one: log_probability(body, one.belief.pose, evidence), default=None)
+    return None if best is None else RoughPerson(body, best)
 
 
 @lru_cache(maxsize=16)
