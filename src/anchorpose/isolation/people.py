@@ -12,17 +12,7 @@ from anchorpose.camera import Camera
 from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.descriptor.people import LEAST_AREA_M2, LEAST_CERTAINTY, FoundPerson, find_people
 from anchorpose.isolation.scene import Pieces
-from anchorpose.settings import Positive, settings
 from anchorpose.threads import each
-
-
-@settings
-class IsolationConfig:
-    """Settings for how far people's skin may be from its predicted place."""
-
-    # m, standard deviation of the patient's skin from its prediction, due to clothes and body shape
-    skin_sigma_m: Positive = 0.02
-
 
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33

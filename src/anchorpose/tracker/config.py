@@ -14,7 +14,6 @@ from anchorpose.calibration.camera_to_camera import PlacingConfig
 from anchorpose.calibration.clocks import ClockConfig
 from anchorpose.calibration.equipment_pose import EquipmentPoseConfig
 from anchorpose.geodesics.anchors import AnchorConfig
-from anchorpose.isolation.people import IsolationConfig
 from anchorpose.motion.database import SHIPPED
 from anchorpose.motion.prediction import MotionConfig
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
@@ -68,7 +67,6 @@ class TrackConfig:
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)
     equipment_pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)
-    isolation: IsolationConfig = field(default_factory=IsolationConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     anchors: AnchorConfig = field(default_factory=AnchorConfig)
     hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)

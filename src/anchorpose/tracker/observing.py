@@ -20,7 +20,7 @@ from anchorpose.geodesics.anchors import Anchors, find_anchors
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory, update_memory
 from anchorpose.isolation.hidden_limbs import HiddenSkin, label_hidden_limbs
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
-from anchorpose.isolation.people import IsolationConfig, PatientChoice
+from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import by_distance, first_free, label_people, separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -32,6 +32,8 @@ from anchorpose.surface.surface import seen_part
 from anchorpose.track_tree.global_hypothesis import GlobalHypothesis, global_hypothesis, link
 from anchorpose.track_tree.hypotheses import Matcher
 from anchorpose.tracker.bystanders import (
+    GROWTH_M_S,
+    SKIN_SIGMA_M,
     Bystanders,
     bystander_likelihood,
     bystanders_placed,
@@ -55,7 +57,6 @@ from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 # m, maximum sigma of predicted skin that helps to decide which pixels show the patient: half a limb's width
 LOOSEST_SKIN_M = 0.05
-UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
 
 def observe_first(
@@ -66,11 +67,16 @@ def observe_first(
     return observe(frame_set, isolated, None, height_m, run)
 
 
+def people_of(frame_set: FrameSet, run: Run) -> Crowd:
+    """Return the people of a frame, found without knowledge from other frames."""
+    return see_people_apart(find_all_pieces(frame_set, run.room.scenes), run.room.cameras)
+
+
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
     """Label the people of a frame in which only the patient's place is known. crowd: as in ``observe_first``."""
     cameras, bystanders = run.room.cameras, Bystanders()
     with run.stage("isolation"):
-        crowd = crowd or see_people_apart(find_all_pieces(frame_set, run.room.scenes), cameras)
+        crowd = crowd or people_of(frame_set, run)
         order = by_distance(crowd.people, choice.ground_xz_m)
         views = label_people(crowd.pieces, crowd.people, order)
     if run.config.follow.bystanders:
@@ -128,15 +134,19 @@ def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pie
     return step_onto(front, seen_m, pieces, cameras)
 
 
-def patient_likelihood(expected: Expectation, config: IsolationConfig) -> tuple[OwnershipLikelihood, HiddenSkin]:
+def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[OwnershipLikelihood, HiddenSkin]:
     """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
-    predicted skin of limbs that have been hidden for long.
+    predicted skin of limbs that have been hidden for long. elapsed_s: time since the last frame.
+
+    The patient's skin is as uncertain as a bystander's: where both are expected, the nearer skin decides, or the
+    surface to which a pixel is connected. A more certain skin would take pixels from other people, and these pixels
+    would then confirm a wrong pose.
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
     limb it is. If it reappears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
-    spread = config.skin_sigma_m + UNFITTED_M_S * expected.unfitted_s
+    spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + expected.unfitted_s)
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
     points_m, owner = expected.skin.points_m, np.full(int(sure.sum()), PixelLabel.PATIENT, np.uint8)
     hidden = HiddenSkin(points_m[~sure], sigma[~sure], segment_of_points(body_points())[~sure])
@@ -155,7 +165,7 @@ def _separated(
     """Label the pixels of all people; elapsed_s: time since the frame in which the bystanders' bodies were fitted."""
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
-        mine, hidden = patient_likelihood(expected, run.config.isolation)
+        mine, hidden = patient_likelihood(expected, elapsed_s)
         views = separate(pieces, memory, join_likelihoods([others, mine]), elapsed_s, run.room.cameras)
         views = label_hidden_limbs(pieces, views, hidden)
         place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], first_free(memory, elapsed_s)

@@ -15,7 +15,7 @@ from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import Camera
 from anchorpose.isolation.people import People, Person, see_people
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
-from anchorpose.isolation.separation import label_people
+from anchorpose.isolation.separation import by_distance, label_people
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import FrameSet
@@ -36,6 +36,11 @@ class Crowd:
     pieces: tuple[Pieces | None, ...]  # foreground of each camera; None if the camera has no frame
     people: People  # the people found in the foreground by the learnt descriptor
     bodies: tuple[RoughPerson | None, ...]  # one per person; None if too little of the person is seen
+
+    def body_at(self, ground_xz_m: np.ndarray) -> RoughPerson | None:
+        """Return the rough body of the person nearest to a place (2,); None without a person or a body."""
+        order = by_distance(self.people, ground_xz_m)
+        return self.bodies[order[0]] if len(order) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -38,7 +38,7 @@ from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.observation import Observation, Start
-from anchorpose.tracker.observing import observe_first
+from anchorpose.tracker.observing import observe_first, people_of
 from anchorpose.tracker.patient_choice import GIVEN_M, Patient, choose_patient, distance_m
 from anchorpose.tracker.prior_shape import (
     is_human,
@@ -109,6 +109,7 @@ def find_start(
     person who faces the other way.
     """
     room, config = run.room, run.config
+    crowd = crowd or people_of(frame_set, run)
     observation = observe_first(frame_set, choice, ordinary_height_m(room.recording), run, crowd)
     matches = matches_of(observation.evidence.views, room.cameras, PixelLabel.PATIENT)
     if len(observation.surface) < config.registration.least_nodes or len(matches) < LEAST_MATCHES:
@@ -117,7 +118,9 @@ def find_start(
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body, turned = build_body(body_points(), first.shape), _turned(first)
-    found = posterior(body, first.pose, vague_belief(first.pose), observation.evidence, config.registration)
+    found = _likeliest(
+        body, [first.pose, *_as_rough(body, crowd, choice, observation, first.pose, config)], observation, config
+    )
     start = _start_with(body, found, observation, config, expected, turned=turned)
     if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
@@ -131,26 +134,46 @@ def start_as_learnt(
 ) -> Start | NoStart:
     """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
 
-    Two poses with the learnt facing are registered, the learnt pose and the first pose in this frame; the pose that is
-    more probable is kept.
+    Poses with the learnt facing are registered: the learnt pose, the first pose in this frame and the pose of the rough
+    body. The most probable pose is kept.
     """
-    config = run.config
-    seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run)
+    config, crowd = run.config, people_of(frame_set, run)
+    seen = observe_first(frame_set, choice, ordinary_height_m(run.room.recording), run, crowd)
     if len(seen.surface) < config.registration.least_nodes:
         return NoStart.TOO_LITTLE_SEEN
     body, before = build_body(body_points(), shape), vague_belief(facing.pose)
     tried = [descend(body, facing.pose, before, seen.evidence, config.registration)]
+    tried += _as_rough(body, crowd, choice, seen, facing.pose, config)
     matches = matches_of(seen.evidence.views, run.room.cameras, PixelLabel.PATIENT)
     if len(matches) >= LEAST_MATCHES:
         first = _first_body(seen, match_person(matches), run, shape)
         alike = (one.pose for one in (first, *first.others) if one.shape is first.shape)
         tried += [pose for pose in alike if not facing.pose.faces_away(pose)]
-    found = [posterior(body, pose, vague_belief(pose), seen.evidence, config.registration) for pose in tried]
-    best = max(found, key=lambda one: log_probability(body, one.belief.pose, seen.evidence) if one.found else -np.inf)
-    start = _start_with(body, best, seen, config, facing=facing)
+    start = _start_with(body, _likeliest(body, tried, seen, config), seen, config, facing=facing)
     if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
     return _why_not(start, run) or start
+
+
+def _as_rough(
+    body: Body, crowd: Crowd, choice: PatientChoice, seen: Observation, facing: Pose, config: TrackConfig
+) -> list[Pose]:
+    """Return the registered pose of the patient's rough body; empty if it faces another way than the pose ``facing``.
+
+    The rough body was fitted to the pixels of this person as the descriptor sees them, before the bodies decided whose
+    pixels these are.
+    """
+    rough = crowd.body_at(choice.ground_xz_m)
+    if rough is None or facing.faces_away(rough.found.belief.pose):
+        return []
+    pose = rough.found.belief.pose
+    return [descend(body, pose, vague_belief(pose), seen.evidence, config.registration)]
+
+
+def _likeliest(body: Body, poses: Sequence[Pose], seen: Observation, config: TrackConfig) -> Registration:
+    """Return the most probable of some registered poses, with its belief."""
+    found = [posterior(body, pose, vague_belief(pose), seen.evidence, config.registration) for pose in poses]
+    return max(found, key=lambda one: log_probability(body, one.belief.pose, seen.evidence) if one.found else -np.inf)
 
 
 def _start_with(
