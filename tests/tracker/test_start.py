@@ -13,6 +13,8 @@ from anchorpose.body.shape_prior import shape_of_height, standing_height
 from anchorpose.body.skin_points import FittedShape, PosedPoints, body_points, build_body, pose_points
 from anchorpose.isolation.people import PatientChoice, Person
 from anchorpose.tracker import start as start_module
+from anchorpose.tracker.bystanders import RoughPerson
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame
@@ -179,3 +181,20 @@ def test_who_shows_a_back_where_a_front_was_hidden_is_another_person(turned_deg,
     before = PoseBelief(standing(), 1e-4 * np.eye(POSE_SIZE), 1e4 * np.eye(POSE_SIZE))
     expected = before.later(before.pose, hidden_s)
     assert start_module._turned_round(expected, standing(Hips=(0.0, turned_deg, 0.0))) == another
+
+
+@pytest.mark.parametrize(("heading_deg", "tried"), [(0.0, 1), (180.0, 0)])
+def test_the_rough_body_mends_a_limb_that_the_first_pose_misplaces(heading_deg, tried):
+    """Only a rough body with the same facing does: with the opposite facing, its left arm is the right arm."""
+    body, truth = adult_body(), standing(LeftForeArm=(-60, 0, 0))
+    misplaced = standing(LeftArm=(0, 0, 120), LeftForeArm=(-60, 0, 0))
+    seen = SimpleNamespace(evidence=seen_body(truth, body, (FRONT, LEFT)))
+    belief = vague_belief(standing(Hips=(0, heading_deg, 0), LeftForeArm=(-60, 0, 0)))
+    rough = RoughPerson(body, SimpleNamespace(belief=belief, found=True))
+    crowd = SimpleNamespace(body_at=lambda place_xz_m: rough)
+    choice, config = PatientChoice(np.zeros(2), "is seen", True), TrackConfig()
+    poses = start_module._as_rough(body, crowd, choice, seen, misplaced, config)
+    assert len(poses) == tried
+    found = start_module._likeliest(body, [misplaced, *poses], seen, config)
+    off_m = np.linalg.norm(body.joints(found.belief.pose) - body.joints(truth), axis=1).max()
+    assert (off_m < 0.03) == bool(tried)
