@@ -20,7 +20,7 @@ from anchorpose.tracker.config import TrackConfig
 
 Sex = Literal["female", "male"]
 
-GROWN_YEARS: Final = 19.0  # years, age from which a person counts as an adult
+LAST_YEARS: Final = 19.0  # years, last age of the table below; from this age on, a person has an adult's stature
 YOUNGEST_YEARS: Final = 3.0  # years, first age of the table below; younger children count as this old
 _GROWTH_M: Final[dict[Sex, tuple[float, ...]]] = {
     "female": (
@@ -78,10 +78,10 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     years counts as 3 years.
     """
     sexes: tuple[Sex, ...] = ("female", "male") if sex is None else (sex,)
-    if age_years is None or age_years >= GROWN_YEARS:
+    if age_years is None or age_years >= LAST_YEARS:
         mean, spread = np.mean([_ADULT_M[one] for one in sexes], axis=0).tolist()
     else:
-        years = np.arange(YOUNGEST_YEARS, GROWN_YEARS + 1.0)
+        years = np.arange(YOUNGEST_YEARS, LAST_YEARS + 1.0)
         mean = float(np.mean([np.interp(age_years, years, _GROWTH_M[one]) for one in sexes]))
         spread = _SPREAD * mean
     apart = 0.0 if sex else abs(_ADULT_M["male"][0] - _ADULT_M["female"][0]) / 2.0 * mean / _ADULT_M["female"][0]

@@ -108,7 +108,7 @@ class Search:
             return NoStart.NOBODY_NEW if people.people else NoStart.NOBODY_THERE
         nearest = min(axes, key=self._away_m)
         elsewhere = self._left or self._away_m(nearest) > NEAR_M
-        if elsewhere and self._others_are_away(views) and not _in_equipment(nearest, run.room):
+        if elsewhere and self._a_bystander_is_away(views) and not _in_equipment(nearest, run.room):
             return NoStart.WHO_IS_IT
         return PatientChoice(
             nearest, "is nearest to where the patient was lost, among people who were not there before", sure=False
@@ -134,7 +134,7 @@ class Search:
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
-    def _others_are_away(self, views: Sequence[View | None]) -> bool:
+    def _a_bystander_is_away(self, views: Sequence[View | None]) -> bool:
         """Return whether any bystander is out of view."""
         return not self._met <= _people_in(views)
 
