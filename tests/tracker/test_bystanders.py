@@ -174,22 +174,35 @@ def test_whom_something_hides_is_kept_for_a_second_less_and_less_surely():
     assert (late.followed, late.searched) == ((), ())
 
 
-def test_legs_that_nothing_shows_claim_no_place():
-    """A table hides a person's legs, so their place is a guess; pixels of another person may be there."""
-    views = views_of(posed("upright", 0.0))
-    for number, view in enumerate(views):
+def with_a_table(views: list[View]) -> list[View]:
+    """The views with a table in front of the person's lower half."""
+    hidden = []
+    for view in views:
         rows = np.flatnonzero((view.labels == LABEL).any(axis=1))
         table = np.zeros(view.labels.shape, dtype=bool)
         table[rows[len(rows) // 2] :] = True
         depth = np.where(table, np.float32(1.0), view.depth_m)
-        views[number] = View(depth, np.where(table, PixelLabel.CLUTTER, view.labels).astype(np.uint8))
+        hidden.append(View(depth, np.where(table, PixelLabel.CLUTTER, view.labels).astype(np.uint8)))
+    return hidden
+
+
+def test_legs_that_nothing_shows_claim_no_place():
+    """A table hides a person's legs, so their place is a guess; pixels of another person may be there."""
+    views = with_a_table(views_of(posed("upright", 0.0)))
     found = follow_bystanders(Bystanders(), views, CAMERAS, points(), A_FRAME_S)
     claimed_m = bystander_likelihood(found, points(), 0.0).points_m
     assert pose_points(the_one(found).body, the_one(found).belief.pose).points_m[:, 1].min() < 0.2
     assert claimed_m[:, 1].min() > 0.3
     assert claimed_m[:, 1].max() > 1.6
-    found = see(found, posed("upright", 0.0))  # all limbs are seen again
+
+
+@pytest.mark.parametrize(("later_s", "least_m", "most_m"), [(A_FRAME_S, -0.1, 0.1), (1.1 * MEMORY_S, 0.3, 1.0)])
+def test_legs_that_something_hides_are_remembered_for_a_second(later_s, least_m, most_m):
+    pose = posed("upright", 0.0)
+    found = see(Bystanders(), pose)
     assert len(bystander_likelihood(found, points(), 0.0)) == len(points().part)
+    found = follow_bystanders(found, with_a_table(views_of(pose)), CAMERAS, points(), later_s)
+    assert least_m < bystander_likelihood(found, points(), 0.0).points_m[:, 1].min() < most_m
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0])

@@ -9,7 +9,7 @@ from anchorpose.isolation.view import PixelLabel
 from anchorpose.surface.surface import ExpectedSkin
 from anchorpose.tracker.bystanders import GROWTH_M_S, SKIN_SIGMA_M
 from anchorpose.tracker.observation import Expectation
-from anchorpose.tracker.observing import LOOSEST_SKIN_M, patient_likelihood
+from anchorpose.tracker.observing import LOOSEST_SKIN_M, UNFITTED_M_S, patient_likelihood
 
 BODY = adult_body()
 A_FRAME_S = 1.0 / 15.0
@@ -24,7 +24,7 @@ def expectation(sigma_m: np.ndarray, unfitted_s: float = 0.0) -> Expectation:
 def test_the_spread_is_the_uncertainty_of_the_skin() -> None:
     sigma = np.linspace(0.0, 0.9 * LOOSEST_SKIN_M, len(points().part))
     likelihood, hidden = patient_likelihood(expectation(sigma, 0.1), -A_FRAME_S)
-    spread = SKIN_SIGMA_M + (0.1 + A_FRAME_S) * GROWTH_M_S
+    spread = SKIN_SIGMA_M + A_FRAME_S * GROWTH_M_S + 0.1 * UNFITTED_M_S
     np.testing.assert_allclose(likelihood.sigma_m, np.hypot(spread, sigma), rtol=1e-6)
     assert (likelihood.owner == PixelLabel.PATIENT).all()
     assert not len(hidden.part)

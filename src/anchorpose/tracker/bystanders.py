@@ -98,7 +98,8 @@ class Bystander:
     belief: PoseBelief
     change: np.ndarray  # (POSE_SIZE,) change of the pose between the last two fits; 0 while the person is hidden
     elapsed_s: float  # s, time between the last two fits; negative in a backward pass
-    shown: np.ndarray  # (PARTS, 2) bool, whether the person's pixels show each part of a limb (``Likelihood.seen``)
+    # (PARTS, 2) s, time since the person's pixels showed each part of a limb (``Likelihood.seen``); inf = never
+    unseen_s: np.ndarray
     hidden_s: float = 0.0  # s, time since the body was last fitted; 0 if it was fitted in this frame
 
 
@@ -125,14 +126,14 @@ def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: 
     """Return, for each bystander, the likelihood that a place belongs to this bystander, computed from the predicted
     skin of the bystander's body. elapsed_s: time since the frame of ``bystanders``.
 
-    Limbs that the bystander's pixels do not show are left out: their place is a guess, which proves nothing about other
-    people's pixels at this place.
+    Limbs that the bystander's pixels have not shown for ``MEMORY_S`` are left out: their place is a guess, which proves
+    nothing about other people's pixels at this place.
     """
     found, segment = [], segment_of_points(points)
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
         skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
-        skin = skin[one.shown.ravel()[segment]]
+        skin = skin[one.unseen_s.ravel()[segment] <= MEMORY_S]
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
@@ -266,8 +267,9 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
-    shown = likelihood(one.body, found.belief.pose, evidence).seen
-    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, shown=shown, hidden_s=0.0)
+    seen = likelihood(one.body, found.belief.pose, evidence).seen
+    unseen_s = np.where(seen, 0.0, one.unseen_s + abs(elapsed_s))
+    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, unseen_s=unseen_s, hidden_s=0.0)
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
@@ -331,8 +333,8 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
 def _fitted(label: int, person: RoughPerson, evidence: Evidence) -> Bystander:
     """Return a person as a bystander who does not move yet."""
     body, found = person
-    shown = likelihood(body, found.belief.pose, evidence).seen
-    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0, shown)
+    unseen_s = np.where(likelihood(body, found.belief.pose, evidence).seen, 0.0, np.inf)
+    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0, unseen_s)
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:

@@ -57,6 +57,7 @@ from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
 # m, maximum sigma of predicted skin that helps to decide which pixels show the patient: half a limb's width
 LOOSEST_SKIN_M = 0.05
+UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
 
 def observe_first(
@@ -146,7 +147,7 @@ def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[Ownersh
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
     limb it is. If it reappears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
     """
-    spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + expected.unfitted_s)
+    spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
     points_m, owner = expected.skin.points_m, np.full(int(sure.sum()), PixelLabel.PATIENT, np.uint8)
     hidden = HiddenSkin(points_m[~sure], sigma[~sure], segment_of_points(body_points())[~sure])
