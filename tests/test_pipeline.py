@@ -173,7 +173,7 @@ def test_the_record_says_with_what_and_from_what(run):
     recorded = json.loads((run.results.parent / "out/recording/recording.json").read_text())
     np.testing.assert_allclose(camera["camera_to_world"], recorded["cameras"][0]["camera_to_world"])
     assert document["config"]["method"] == "articulated"
-    stages = {"isolation", "surface", "anchors", "tree", "registration", "learning", "follow"}
+    stages = {"surface", "anchors", "tree", "registration", "learning", "follow"}
     assert stages <= document["config"].keys()
     assert {"recording.json", "front/background.png", "front/depth/000000.png"} <= document["inputs_sha256"].keys()
     stages = {timing["stage"]: timing["seconds"] for timing in document["timings"]}
