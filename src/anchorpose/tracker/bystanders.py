@@ -98,8 +98,6 @@ class Bystander:
     belief: PoseBelief
     change: np.ndarray  # (POSE_SIZE,) change of the pose between the last two fits; 0 while the person is hidden
     elapsed_s: float  # s, time between the last two fits; negative in a backward pass
-    # (PARTS, 2) s, time since the person's pixels showed each part of a limb (``Likelihood.seen``); inf = never
-    unseen_s: np.ndarray
     hidden_s: float = 0.0  # s, time since the body was last fitted; 0 if it was fitted in this frame
 
 
@@ -125,15 +123,11 @@ class Bystanders:
 def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: float) -> OwnershipLikelihood:
     """Return, for each bystander, the likelihood that a place belongs to this bystander, computed from the predicted
     skin of the bystander's body. elapsed_s: time since the frame of ``bystanders``.
-
-    Limbs that the bystander's pixels have not shown for ``MEMORY_S`` are left out: their place is a guess, which proves
-    nothing about other people's pixels at this place.
     """
-    found, segment = [], segment_of_points(points)
+    found = []
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
         skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
-        skin = skin[one.unseen_s.ravel()[segment] <= MEMORY_S]
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
@@ -220,9 +214,19 @@ def label_by_bodies(
 
     Where people touch, the first labels may assign an arm or leg to the wrong person; the bodies correct this.
     """
-    posed = _fitted(PixelLabel.PATIENT, patient, person_evidence(views, cameras, PixelLabel.PATIENT))
-    skin = bystander_likelihood(Bystanders((posed, *bystanders.followed)), body_points(), 0.0)
+    posed = Bystander(PixelLabel.PATIENT, patient.body, patient.found.belief, np.zeros(POSE_SIZE), 1.0)
+    skin = join_likelihoods([_shown_skin(one, views, cameras) for one in (posed, *bystanders.followed)])
     return separate(pieces, memory_of(pieces, views), skin, 0.0, cameras)
+
+
+def _shown_skin(one: Bystander, views: Sequence[View | None], cameras: Sequence[Camera]) -> OwnershipLikelihood:
+    """Return the likelihood that a place belongs to a person of an initial frame. Limbs that the person's own pixels do
+    not show are left out: their place is a guess, which proves nothing about other people's pixels at this place.
+    """
+    points, skin = body_points(), bystander_likelihood(Bystanders((one,)), body_points(), 0.0)
+    shown = likelihood(one.body, one.belief.pose, person_evidence(views, cameras, one.label)).seen
+    kept = shown.ravel()[segment_of_points(points)]
+    return OwnershipLikelihood(skin.points_m[kept], skin.owner[kept], skin.sigma_m[kept])
 
 
 def _labels(views: Sequence[View | None]) -> list[int]:
@@ -267,9 +271,7 @@ def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: f
     if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
     change = one.belief.pose.change_to(found.belief.pose, points.moving)
-    seen = likelihood(one.body, found.belief.pose, evidence).seen
-    unseen_s = np.where(seen, 0.0, one.unseen_s + abs(elapsed_s))
-    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, unseen_s=unseen_s, hidden_s=0.0)
+    return replace(one, belief=found.belief, change=change, elapsed_s=elapsed_s, hidden_s=0.0)
 
 
 def _hidden(one: Bystander, evidence: Evidence, elapsed_s: float) -> Bystander | None:
@@ -327,14 +329,7 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
     body, found = person
     if found.explained < LEAST_EXPLAINED or not _is_person(body, found.belief.pose, evidence):
         return None
-    return _fitted(label, person, evidence)
-
-
-def _fitted(label: int, person: RoughPerson, evidence: Evidence) -> Bystander:
-    """Return a person as a bystander who does not move yet."""
-    body, found = person
-    unseen_s = np.where(likelihood(body, found.belief.pose, evidence).seen, 0.0, np.inf)
-    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0, unseen_s)
+    return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
 
 
 def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
