@@ -70,14 +70,15 @@ def observe_first(
 
 def people_of(frame_set: FrameSet, run: Run) -> Crowd:
     """Return the people of a frame, found without knowledge from other frames."""
-    return see_people_apart(find_all_pieces(frame_set, run.room.scenes), run.room.cameras)
+    with run.stage("isolation"):
+        return see_people_apart(find_all_pieces(frame_set, run.room.scenes), run.room.cameras)
 
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
     """Label the people of a frame in which only the patient's place is known. crowd: as in ``observe_first``."""
     cameras, bystanders = run.room.cameras, Bystanders()
+    crowd = crowd or people_of(frame_set, run)
     with run.stage("isolation"):
-        crowd = crowd or people_of(frame_set, run)
         order = by_distance(crowd.people, choice.ground_xz_m)
         views = label_people(crowd.pieces, crowd.people, order)
     if run.config.follow.bystanders:
