@@ -3,10 +3,10 @@ differences under all other assignments of conditions to trials that could have 
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If the
 conditions have no effect, all assignments of the conditions to the trials of a block would have given the same values,
-and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is no
-smaller than the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena 2007,
-Randomization Tests, doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979 (Scandinavian
-Journal of Statistics 6:65-70).
+and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is at
+least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena
+2007, Randomization Tests, doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979
+(Scandinavian Journal of Statistics 6:65-70).
 """
 
 from __future__ import annotations

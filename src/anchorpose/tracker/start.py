@@ -118,9 +118,8 @@ def find_start(
     if known is None and not _is_likely(first, room.recording.subject):
         return NoStart.NOT_HUMAN
     body, turned = build_body(body_points(), first.shape), _turned(first)
-    found = _likeliest(
-        body, [first.pose, *_as_rough(body, crowd, choice, observation, first.pose, config)], observation, config
-    )
+    poses = [first.pose, *_as_rough(body, crowd, choice, observation, first.pose, config)]
+    found = _likeliest(body, poses, observation, config)
     start = _start_with(body, found, observation, config, expected, turned=turned)
     if start is None or start.explained < LEAST_EXPLAINED:
         return NoStart.NO_BODY_FITS
