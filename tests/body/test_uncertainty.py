@@ -7,7 +7,7 @@ from body_builder import adult_body, joints_of, points, random_pose, turned_abou
 from anchorpose.body.config import UncertaintyConfig
 from anchorpose.body.pose import DEGREE, POSE_SIZE, Pose
 from anchorpose.body.skin_points import pose_points
-from anchorpose.body.uncertainty import joint_sigma, skin_sigma, systematic_m
+from anchorpose.body.uncertainty import CONSTANT_ERROR_M, joint_sigma, skin_sigma
 from anchorpose.joints import JOINT_INDEX
 
 BODY = adult_body()
@@ -25,9 +25,9 @@ def some_covariance(seed: int) -> np.ndarray:
     return factor @ factor.T
 
 
-def least_m(floor_m: float) -> np.ndarray:
+def least_m(floor_m: float) -> float:
     """Sigma of the joints of a pose that is known exactly."""
-    return np.hypot(floor_m, systematic_m())
+    return float(np.hypot(floor_m, CONSTANT_ERROR_M))
 
 
 def test_a_pose_known_exactly_leaves_the_floor():
@@ -94,7 +94,7 @@ def test_sigma_is_the_spread_of_the_joints_of_drawn_poses():
     )
     spread = np.sqrt(drawn.var(axis=0).mean(axis=1))
     # 600 draws know a standard deviation to 3 %; turns of a degree are linear to less than that
-    np.testing.assert_allclose(sigma(np.diag(variance), floor_m=1e-6), np.hypot(systematic_m(), spread), rtol=0.1)
+    np.testing.assert_allclose(sigma(np.diag(variance), floor_m=1e-6), np.hypot(CONSTANT_ERROR_M, spread), rtol=0.1)
 
 
 def test_a_doubtful_elbow_moves_wrist_and_hand_but_no_other_joint():
@@ -102,7 +102,7 @@ def test_a_doubtful_elbow_moves_wrist_and_hand_but_no_other_joint():
     row = points().moving.tolist().index(points().asset.bone("LeftForeArm"))
     variance[3 * row : 3 * row + 3] = 0.3**2
     found = sigma(np.diag(variance), floor_m=0.005)
-    moved = {name for name, index in JOINT_INDEX.items() if found[index] > 1.01 * least_m(0.005)[index]}
+    moved = {name for name, index in JOINT_INDEX.items() if found[index] > 1.01 * least_m(0.005)}
     assert moved == {"WristLeft", "HandLeft"}
 
 

@@ -11,7 +11,7 @@ from anchorpose.body.learning import learn_body
 from anchorpose.body.registration import descend
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import build_body
-from anchorpose.body.uncertainty import shape_sigma
+from anchorpose.body.uncertainty import frame_sigma
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import UNKNOWN
@@ -81,11 +81,20 @@ def between(one_m: float, other_m: float) -> ShapeBelief:
     return known.including([shape_of_height(asset(), other_m)], np.ones(1))
 
 
+def shape_sigma(frame: PosedFrame, shape: ShapeBelief) -> np.ndarray:
+    """The part of the joints' sigma that an uncertain shape adds."""
+    with_shape, without = (
+        frame_sigma(PERSON, frame.pose, frame.evidence, np.zeros(21), CONFIG.registration, 1e-6, shape=one)
+        for one in (shape, None)
+    )
+    return np.sqrt(np.maximum(with_shape**2 - without**2, 0.0))
+
+
 @pytest.fixture(scope="module", params=[False, True], ids=["whole", "feet cut off"])
 def of_stature(request: pytest.FixtureRequest) -> tuple[bool, np.ndarray, np.ndarray]:
     """Sigma of the joints if the height is uncertain, and how far they lie apart if both bodies are registered."""
     frame, other_m = frames(request.param)[0], 1.65
-    sigma_m = shape_sigma(PERSON, frame.pose, frame.evidence, between(TRUE_M, other_m), CONFIG.registration)
+    sigma_m = shape_sigma(frame, between(TRUE_M, other_m))
     bodies = (PERSON, build_body(points(), shape_of_height(asset(), other_m)))
     places = [
         body.joints(descend(body, frame.pose, vague_belief(frame.pose), frame.evidence, CONFIG.registration))
@@ -108,4 +117,4 @@ def test_another_stature_makes_joints_uncertain_where_no_skin_is_seen(of_stature
 def test_a_certain_shape_adds_nothing():
     frame = frames(cut=True)[0]
     certain = between(TRUE_M, TRUE_M)
-    assert shape_sigma(PERSON, frame.pose, frame.evidence, certain, CONFIG.registration).max() < 1e-4
+    assert shape_sigma(frame, certain).max() < 1e-4

@@ -273,7 +273,7 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
     """Return rows that push the skin points ``limb`` out of the body part with the skin points ``part``. A point gets a
-    row if the place below_m metres below its skin is inside the part.
+    row if the place inside the limb, ``below_m`` metres below the point, is inside the part.
     """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]

@@ -28,8 +28,8 @@ from anchorpose.isolation.view import View
 SPACING_M: Final = 0.028  # m, spacing of skin points
 # m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a patch of skin whose predicted places share one error. It is the integral, over the distance between two
-# places, of the correlation between their errors
+# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. It is the
+# integral of the correlation between the errors at two points over the distance between these points
 NAMED_ALIKE_M: Final = 0.25
 # share of predicted places with an error above three standard deviations, in simulated and real images (UTD-MHAD)
 WRONGLY_NAMED: Final = 0.03

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,20 +16,14 @@ from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.constraints import Constraints, rows_of_nodes, surface_constraints
 from anchorpose.body.evidence import Evidence, node_noise
-from anchorpose.body.explanation import (
-    COVERED_M,
-    LEAST_FACING,
-    Explanation,
-    limb_of_points,
-    node_area_m2,
-    segment_of_points,
-)
+from anchorpose.body.explanation import Explanation, limb_of_points, node_area_m2, segment_of_points
 from anchorpose.body.fit import hidden_bones, limited, pose_equations, prior_equations
 from anchorpose.body.likelihood import likelihood, most_nats
-from anchorpose.body.limb_proposals import CHAINS, Chain, end_points, uncovered_paths
+from anchorpose.body.limb_proposals import CHAINS, uncovered_paths
 from anchorpose.body.pose import LIMB_OF_JOINTS, POSE_SIZE, SEGMENT_OF_JOINTS, TRUNK, Pose
 from anchorpose.body.pose_accumulation import accumulate_pose
 from anchorpose.body.shape_prior import ShapeBelief
+from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import (
     Body,
     PosedPoints,
@@ -40,9 +34,8 @@ from anchorpose.body.skin_points import (
     pose_points,
 )
 from anchorpose.body.standing_off import standing_off_sigma_m
-from anchorpose.body.visibility import SkinReason, distance_of, skin_reasons
-from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, JointState
-from anchorpose.rotations import unit
+from anchorpose.body.visibility import distance_of
+from anchorpose.joints import JOINT_INDEX, JointState
 
 # maximum number of nodes used for sigma; the 2,500 nodes of the fit would double the computing time and change sigma by
 # under a tenth
@@ -107,42 +100,12 @@ WORTH_M2: Final = 0.004
 # m, the length of a shank, or of a forearm with its hand. A joint may lie at the tip of an uncovered piece of skin only
 # if the tip is nearer than this to the joint's estimated place
 IN_REACH_M: Final = 0.45
-# a limb points at a camera if the cosine of the angle between limb and ray is over this value
-END_ON: Final = float(np.cos(np.radians(35.0)))
-# factor on the number of rows that count as one observation in ``frame_alone_sigma``, since bent fingers shift a whole
-# hand; tuned on one recording of a reaching arm
-MORE_ALIKE: Final = 2.0
-HIDDEN: Final = 0.5  # the frame does not show a limb if at least this share of the limb's skin is hidden
 BROADER_M: Final = 0.13  # m, breadth of a chest (0.35 m) minus its depth (0.22 m)
 
-_HIDDEN_BY_OTHERS: Final = (SkinReason.EQUIPMENT, SkinReason.PERSON, SkinReason.OUTSIDE)
-
-_SYSTEMATIC_MM: Final = {
-    "SpineBase": 4.8,
-    "SpineMid": 3.6,
-    "SpineShoulder": 3.6,
-    "Neck": 4.0,
-    "Head": 1.6,
-    "Shoulder": 6.4,
-    "Elbow": 4.0,
-    "Wrist": 5.6,
-    "Hand": 6.0,
-    "Hip": 4.8,
-    "Knee": 4.8,
-    "Ankle": 3.8,
-    "Foot": 8.0,
-}
-"""Systematic error of each joint of a learnt body, per axis; it is the same in every frame. With the chosen values, the
-share of errors within 1.96 sigma is between 0.93 and 0.97 both on ordinary recordings and on the hard scenes for tuning
-(suite ``hard`` of ``benchmarks/run.py``). In hard scenes, equipment hides parts of the trunk, and people press on the
-clothes."""
-
-
-@cache
-def systematic_m() -> np.ndarray:
-    """Return the systematic error of each joint (21,), metres, from ``_SYSTEMATIC_MM``."""
-    names = [name.removesuffix("Left").removesuffix("Right") for name in JOINT_NAMES]
-    return np.array([_SYSTEMATIC_MM[name] for name in names]) / 1000.0
+# m, root mean square error of a learnt body's joints per axis that is the same in every frame, beyond the error that
+# follows from the uncertain shape. With this value, most joints' share of errors within 1.96 sigma is at least 0.93 on
+# the hard scenes for tuning (suite ``hard`` of ``benchmarks/run.py``)
+CONSTANT_ERROR_M: Final = 0.003
 
 
 def joint_sigma(
@@ -163,7 +126,7 @@ def joint_sigma(
     every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
     variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
     unlike_m = standing_off_sigma_m(body.points, body.shape)
-    return np.sqrt(config.floor_m**2 + systematic_m() ** 2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
+    return np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
 
 
 def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: UncertaintyConfig) -> np.ndarray:
@@ -212,15 +175,15 @@ def smeared_sigma(
     wide = replace(rows, sigma_m=np.hypot(rows.sigma_m, edge_m))
     alike = max(registration.rows_per_observation, len(rows) * edge_m**2 / area_m2)
     joints = body.mesh.joints(posed.transforms)
-    spread = _spread_by_frame(body, pose, wide, vague_belief(pose).information, alike)
+    spread = _by_frame(body, pose, wide, vague_belief(pose).information, alike).spread
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
     # mean over the three axes; the error lies along a single axis
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0
-    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + systematic_m() ** 2 + variance + turned))
+    return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + variance + turned))
 
 
-def frame_alone_sigma(
+def frame_sigma(
     body: Body,
     pose: Pose,
     evidence: Evidence,
@@ -228,102 +191,65 @@ def frame_alone_sigma(
     config: RegistrationConfig,
     floor_m: float,
     unseen_s: np.ndarray | None = None,
+    shape: ShapeBelief | None = None,
 ) -> np.ndarray:
-    """Return sigma_m (21,), increased for limbs about which earlier frames add no knowledge.
+    """Return sigma_m (21,), increased to the sigma that follows from this frame alone, and by the uncertainty of the
+    body's shape.
 
-    These are hidden limbs, and limbs that point at a camera and that no camera sees from the side. Earlier frames have
-    the same error of these limbs as this frame, but the posterior treats the errors of all frames as independent. For
-    example, the assumption that a foot stands must count once, not in every frame. So the sigma of these limbs is
-    computed only from this frame, the joint ranges and the time since the limb was seen (unseen_s as in
-    ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
-    """
-    posed = pose_points(body, pose)
-    joints = body.mesh.joints(posed.transforms)
-    limbs = [chain for chain in CHAINS if _is_foreshortened(body, posed, joints, chain, evidence)]
-    hidden = None if unseen_s is None else unseen_s > 0.0
-    mine = np.zeros(len(joints), bool) if hidden is None else hidden.ravel()[SEGMENT_OF_JOINTS]
-    mine[[JOINT_INDEX[name] for chain in limbs for name in (*chain.joints, chain.root)]] = True
-    if not mine.any():
-        return sigma_m
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], config)
-    if hidden is not None:  # nodes near a hidden part of a limb do not show this part
-        rows = rows.where(~hidden.ravel()[segment_of_points(body.points)[rows.point]])
-    known = vague_belief(pose, unseen_s).information
-    spread = _spread_by_frame(body, pose, rows, known, MORE_ALIKE * config.rows_per_observation)
-    # take the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in
-    # depth
-    variance = np.linalg.eigvalsh(spread)[:, -1]
-    alone, sigma = np.sqrt(floor_m**2 + systematic_m() ** 2 + variance), sigma_m.copy()
-    sigma[mine] = np.maximum(sigma[mine], alone[mine])
-    return sigma
-
-
-def shape_sigma(
-    body: Body, pose: Pose, evidence: Evidence, shape: ShapeBelief, config: RegistrationConfig
-) -> np.ndarray:
-    """Return the joints' sigma (21,) per axis, metres, that follows from the uncertainty of the body's shape.
+    The posterior treats the errors of all frames as independent. But errors of clothes, of person labels and of hidden
+    limbs stay the same for many frames, so earlier frames add little knowledge. For example, the assumption that a foot
+    stands must count once, not in every frame. This sigma is therefore computed only from this frame, the joint ranges
+    and the time since each part was seen (unseen_s as in ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
 
     Pose and shape are parameters of the same normal equations, so a body with another shape would have been registered
     in another pose. Where skin is seen, the joints of the two bodies hardly differ, even if their bones do.
     """
-    # more nodes would change this sigma by under a tenth
-    used = replace(config, node_count=min(config.node_count, NODES // 2))
-    posed = pose_points(body, pose)
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], used)
-    nodes = max(len(evidence.surface), 1)
-    alike = config.rows_per_observation * min(used.node_count, nodes) / min(config.node_count, nodes)
-    known = (pose, vague_belief(pose).information)
-    prior = prior_equations(body.points, pose, known, hidden_bones(body.points, rows, alike))
-    both = pose_equations(body, pose, posed, rows, prior, alike, shape.free).hessian
-    # derivative of the registered pose by the shape
-    follows = -np.linalg.solve(both[:POSE_SIZE, :POSE_SIZE], both[:POSE_SIZE, POSE_SIZE:])
-    joints = body.mesh.joints(posed.transforms)
-    moved = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints) @ follows
-    count = shape.free.coefficients
-    moved[..., :count] += joints_by_shape(body, posed, count)
-    return np.sqrt(place_variance(moved, shape.covariance))
+    # more nodes would change this sigma by about a tenth
+    posed, few = pose_points(body, pose), replace(config, node_count=min(config.node_count, NODES // 2))
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], few)
+    alike = config.rows_per_observation * min(
+        1.0, few.node_count / min(config.node_count, max(len(evidence.surface), 1))
+    )
+    if unseen_s is not None:  # nodes near a hidden part of a limb do not show this part
+        rows = rows.where(~(unseen_s > 0.0).ravel()[segment_of_points(body.points)[rows.point]])
+    free = None if shape is None else shape.free
+    found = _by_frame(body, pose, rows, vague_belief(pose, unseen_s).information, alike, free)
+    # take the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in
+    # depth
+    variance = np.linalg.eigvalsh(found.spread)[:, -1]
+    sigma = np.maximum(sigma_m, np.sqrt(floor_m**2 + CONSTANT_ERROR_M**2 + variance))
+    if shape is None:
+        return np.asarray(sigma)
+    moved = found.by_shape.copy()
+    moved[..., : shape.free.coefficients] += joints_by_shape(body, posed, shape.free.coefficients)
+    return np.hypot(sigma, np.sqrt(place_variance(moved, shape.covariance)))
 
 
-def _is_foreshortened(body: Body, posed: PosedPoints, joints: np.ndarray, chain: Chain, evidence: Evidence) -> bool:
-    """Return whether all of this holds: a limb points at a camera, nothing hides it from this camera, and no camera
-    sees its part beyond elbow or knee from the side.
+class _FromFrame(NamedTuple):
+    """The joints' errors that follow from one frame."""
 
-    The camera at which the limb points need not see the part beyond elbow or knee, since its estimated place may be too
-    far off.
-    """
-    root, far = joints[JOINT_INDEX[chain.root]], joints[JOINT_INDEX[chain.joints[1]]]
-    looking = [
-        (view, camera) for view, camera in zip(evidence.views, evidence.cameras, strict=True) if view is not None
-    ]
-    end_on = [abs(unit(far - root) @ unit(root - camera.position_m)) > END_ON for _, camera in looking]
-    if not any(end_on):
-        return False
-    end, found = end_points(body.points, chain), False
-    for (view, camera), along in zip(looking, end_on, strict=True):
-        reason, facing = skin_reasons(posed, view, camera, COVERED_M)
-        shown = reason[end][facing[end]]
-        if along:
-            found |= bool(len(shown)) and float(np.isin(shown, _HIDDEN_BY_OTHERS).mean()) < HIDDEN
-        elif (shown == SkinReason.SEEN).sum() >= LEAST_FACING:
-            return False
-    return found
+    spread: np.ndarray  # (21, 3, 3) m2, mean of the outer products of the joints' errors
+    by_shape: np.ndarray  # (21, 3, s) derivative of the joints' places by the shape, through the registered pose
 
 
-def _spread_by_frame(
-    body: Body, pose: Pose, rows: Constraints, known: np.ndarray, rows_per_observation: float
-) -> np.ndarray:
-    """Return the mean squared error (21, 3, 3) of the joints, from one frame's rows, the joint ranges and ``known``.
+def _by_frame(
+    body: Body, pose: Pose, rows: Constraints, known: np.ndarray, alike: float, free: FreeShape | None = None
+) -> _FromFrame:
+    """Return the joints' errors from one frame's rows, the joint ranges and ``known``.
 
-    The rows, the joint ranges and ``known`` may pull a joint away from its place in the pose; this distance is part of
-    the error. known (POSE_SIZE, POSE_SIZE): inverse covariance of the pose given earlier frames.
+    Rows, joint ranges and ``known`` may pull a joint away from its place in the pose; this distance is part of the
+    error. known (POSE_SIZE, POSE_SIZE): inverse covariance of the pose given earlier frames; alike: rows per
+    observation; free: the free parameters of the shape.
     """
     posed = pose_points(body, pose)
-    prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, rows_per_observation))
-    equations = pose_equations(body, pose, posed, rows, prior, rows_per_observation)
-    covariance, joints = np.linalg.inv(equations.hessian), body.mesh.joints(posed.transforms)
+    prior = prior_equations(body.points, pose, (pose, known), hidden_bones(body.points, rows, alike))
+    equations = pose_equations(body, pose, posed, rows, prior, alike, free)
+    covariance, joints = np.linalg.inv(equations.hessian[:POSE_SIZE, :POSE_SIZE]), body.mesh.joints(posed.transforms)
     jacobian = joint_jacobian(body, posed.transforms, joint_bones(body.points.asset), joints)
-    away = body.joints(pose.moved(limited(-covariance @ equations.gradient), body.points.moving)) - joints
-    return np.asarray(jacobian @ covariance @ jacobian.transpose(0, 2, 1) + away[:, :, None] * away[:, None, :])
+    pulled = pose.moved(limited(-covariance @ equations.gradient[:POSE_SIZE]), body.points.moving)
+    away = body.joints(pulled) - joints
+    spread = jacobian @ covariance @ jacobian.transpose(0, 2, 1) + away[:, :, None] * away[:, None, :]
+    return _FromFrame(spread, -jacobian @ covariance @ equations.hessian[:POSE_SIZE, POSE_SIZE:])
 
 
 def unexplained_sigma(

@@ -249,9 +249,8 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
     first_s = times_s[:CONFIRMING]
     if None not in rough:
         lags = fine_lags(frames, rough, first_s)
-    if not _is_confirmed(
-        lags, count, len(first_s)
-    ):  # the lag is not confirmed: the time stamps are from different clocks, or too little moves in common view
+    # without confirmed lags, the time stamps are from different clocks, or the common view shows too little movement
+    if not _is_confirmed(lags, count, len(first_s)):
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)
         # a repeated movement also correlates at wrong lags; surfaces then agree only at the correct lag

@@ -177,11 +177,12 @@ ROUND_SHARE: Final = 0.9  # minimum share of all tested rotations after which ro
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentSamples:
-    """Points of the equipment, all in its own frame Gamma_0.
+    """Points on and beside the equipment, all in the equipment's own frame Gamma_0.
 
-    surface_m (n, 3) float64: points spread evenly over the surface, none inside another part; normal (n, 3): outward
-    unit normals; two_sided (n,) bool: points of a mesh, whose triangles may face inward; outside_m (m, 3): points
-    beside the equipment, within ``OUTSIDE_M`` of its surface; centre_m (3,), radius_m: a sphere around the equipment.
+    surface_m (n, 3) float64: points spread evenly over the surface of all parts, except where one part is inside
+    another. normal (n, 3): outward unit normals. two_sided (n,) bool: True at points of a mesh, since the triangles of
+    a mesh may face inward, so the normal may point inward. outside_m (m, 3): points outside the equipment, within
+    ``OUTSIDE_M`` of its surface. centre_m (3,), radius_m: a sphere around the equipment.
     """
 
     surface_m: np.ndarray

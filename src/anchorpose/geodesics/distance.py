@@ -233,7 +233,9 @@ def band_of(mesh: MeshArrays) -> float:
 
 
 def mean_edge_m(mesh: MeshArrays) -> float:
-    """Return the mean distance (m) of grid neighbours, from a sample; 1 / ``BAND`` (a 1 m band) without neighbours."""
+    """Return the mean distance (m) between neighbouring nodes of the grid, estimated from a sample. If no node has a
+    neighbour, return 1 / ``BAND``, so that ``band_of`` returns 1 m.
+    """
     points, some = mesh.points_m, np.arange(0, len(mesh.points_m), max(1, len(mesh.points_m) // SAMPLED_EDGES))
     other = mesh.ring[some][:, [0, 2]]
     length = np.linalg.norm(points[other] - points[some][:, None], axis=2)[other >= 0]

@@ -22,7 +22,8 @@ STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
 # whichever is larger. SAME_M allows for an error of the learnt room by one step between depth values
 SAME_M, SAME_SIGMAS = 0.05, 6.0
 FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
-# minimum share of the image in which the room is known; if a recorder removes the room, only some objects are left
+# minimum share of the image in which the room's depth is known; with less, the images are not tested. Recording
+# software may have removed the room from the images, except some objects
 LEAST_KNOWN: Final = 0.2
 LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; the images of cameras with less are not tested
 # factor on ``usual_share``; the camera is covered if a smaller share of pixels than this product shows the room. A

@@ -184,7 +184,7 @@ def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
 
 
 def new_room(recording: Recording, options: LiveOptions) -> tuple[TrackInputs, Room]:
-    """Prepare the room from the first patient's first seconds, and find this patient in it."""
+    """Learn the room from the recording of the first patient's first seconds, and find this patient in it."""
     inputs = read_inputs(recording.folder, options.config, UserInputs(options.calibration))
     return inputs, prepare_room(inputs.recording, options.config, inputs.review)
 

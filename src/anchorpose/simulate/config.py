@@ -94,7 +94,8 @@ class SimulationConfig:
     hole_radius_m: float = 0.0  # m, radius of the hole cut into some frames; 0 = no holes
     hole_share: Share = 0.5  # number of frames with a hole, as a share of all frames
     height_m: Annotated[float, Field(ge=1.0, le=2.0)] | None = None  # m; None = drawn, for adults from 1.5 to 1.9
-    body: OtherBody = OtherBody()  # the patient's body; default = drawn from the body asset
+    # the patient's body; by default, its shape is drawn at random from the asset's distribution of shapes
+    body: OtherBody = OtherBody()
     pose_known: bool = True  # False: camera_to_world is null in recording.json
     # s, for each camera: true time of an image minus the time in its stamp
     clock_late_s: tuple[float, ...] = ()

@@ -51,7 +51,7 @@ class Clothes:
     """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
     cover: np.ndarray  # (v,) factor on the height of the clothes above each vertex; 0 = bare
-    gap: np.ndarray  # (v,) factor on the clothes' mean height; folds are equally high in wide and ordinary clothes
+    gap: np.ndarray  # (v,) factor on the clothes' mean distance from the skin; the height of folds is not multiplied
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
     phase: np.ndarray  # (k,) rad
     drift: np.ndarray  # (k,) rad/s, change of phase with time

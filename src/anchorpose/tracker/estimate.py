@@ -21,11 +21,10 @@ from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_poi
 from anchorpose.body.uncertainty import (
     before_lost_ends,
     finest_patch_m,
-    frame_alone_sigma,
+    frame_sigma,
     joint_sigma,
     lost_ends,
     noise_covariance,
-    shape_sigma,
     smeared_sigma,
     unexplained_sigma,
 )
@@ -154,13 +153,9 @@ def _sigma(
     noise = noise_covariance(body, belief, evidence, config.registration)
     patch_m = finest_patch_m(evidence)
     sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    # the posterior assumes that hidden parts hardly move from the pose of the frame before, but people do move; so the
-    # sigma of a hidden part grows with the time that the part is hidden
-    sigma = frame_alone_sigma(
-        body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s
+    sigma = frame_sigma(
+        body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s, earlier.shape
     )
-    if earlier.shape is not None:
-        sigma = np.hypot(sigma, shape_sigma(body, belief.pose, evidence, earlier.shape, config.registration))
     if earlier.rivals:
         sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)

@@ -103,7 +103,7 @@ class PatientTracker:
         if not self._look(frame_set) or only_look:
             return None
         registration, following, hypothesis = self._advance()
-        # estimate: joints by the rule J, their states and their uncertainty
+        # estimate: joints from the posed skin (the paper's rule J), their states and their uncertainty
         estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
         return replace(estimate, moved=self.moved)
 
