@@ -4,33 +4,38 @@ import numpy as np
 import pytest
 from body_builder import FRONT, LEFT, adult_body, hide_bones, joints_of, seen_body, standing
 
-from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.config import RegistrationConfig, UncertaintyConfig
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.pose import LIMB_OF_JOINTS
-from anchorpose.body.uncertainty import frame_sigma
+from anchorpose.body.pose import LIMB_OF_JOINTS, POSE_SIZE
+from anchorpose.body.skin_points import pose_points
+from anchorpose.body.uncertainty import frame_errors, joint_sigma
 from anchorpose.joints import JOINT_INDEX
 
-BODY, CERTAIN = adult_body(), np.full(21, 1e-4)
-"""Sigma that frames before state of every joint: a tenth of a millimetre."""
+BODY, CERTAIN = adult_body(), np.zeros((POSE_SIZE, POSE_SIZE))
+"""A pose that frames before show without any error."""
 POINTING = standing(LeftArm=(20.0, -60.0, 40.0), RightArm=(-25.0, 0.0, 0.0))
 """The left arm points at the camera in front, the right one hangs down."""
 
 LEFT_ELBOW, RIGHT_ELBOW = JOINT_INDEX["ElbowLeft"], JOINT_INDEX["ElbowRight"]
 
 
-def sigma_of(evidence, pose=POINTING, unseen_s=None) -> np.ndarray:
-    return frame_sigma(BODY, pose, evidence, CERTAIN, RegistrationConfig(), 0.0035, unseen_s)
+def sigma_of(evidence, pose=POINTING, unseen_s=None, covariance=CERTAIN) -> np.ndarray:
+    frame = frame_errors(BODY, pose, evidence, RegistrationConfig(), unseen_s=unseen_s)
+    return joint_sigma(BODY, pose_points(BODY, pose), covariance, UncertaintyConfig(), frame=frame)
 
 
 def test_joints_in_plain_view_are_certain_to_two_centimetres():
     found = sigma_of(seen_body(standing(), BODY, (FRONT, LEFT)), standing())
-    assert (found > 0.003).all()
+    nothing = joint_sigma(BODY, pose_points(BODY, standing()), CERTAIN, UncertaintyConfig())
+    assert (found > nothing).all()
     assert (found < 0.02).all(), found
 
 
 def test_a_larger_sigma_of_the_frames_before_is_kept():
-    evidence, wide = seen_body(standing(), BODY, (FRONT,)), np.full(21, 0.5)
-    np.testing.assert_array_equal(frame_sigma(BODY, standing(), evidence, wide, RegistrationConfig(), 0.0035), wide)
+    evidence, wide = seen_body(standing(), BODY, (FRONT,)), np.zeros((POSE_SIZE, POSE_SIZE))
+    wide[-3:, -3:] = 0.5**2 * np.eye(3)  # the whole body may be elsewhere
+    before = joint_sigma(BODY, pose_points(BODY, standing()), wide, UncertaintyConfig())
+    np.testing.assert_allclose(sigma_of(evidence, standing(), covariance=wide), before)
 
 
 def test_an_arm_that_points_at_the_only_camera_is_less_certain_than_an_arm_that_hangs_down():
@@ -42,14 +47,12 @@ def test_an_arm_that_points_at_the_only_camera_is_less_certain_than_an_arm_that_
     assert one[LEFT_ELBOW] > 1.2 * two[LEFT_ELBOW]  # a camera at the side shows where the elbow is
 
 
-def test_a_forearm_of_which_little_is_seen_is_as_uncertain_as_this_frame_leaves_it():
-    """Labels of a few wrong pixels pull such a forearm in every frame: more frames do not make it more certain."""
-    wrist = JOINT_INDEX["WristRight"]
+def test_a_forearm_that_this_frame_does_not_show_is_uncertain_whatever_frames_before_state():
+    wrist, trunk = JOINT_INDEX["WristRight"], JOINT_INDEX["SpineMid"]
     whole = seen_body(standing(), BODY, (FRONT,))
-    little = seen_body(standing(), BODY, (FRONT,), hide_bones("RightHand", "RightFingerBase", "RightForeArm"))
-    seen, hidden = sigma_of(whole, standing()), sigma_of(little, standing())
+    without = seen_body(standing(), BODY, (FRONT,), hide_bones("RightHand", "RightFingerBase", "RightForeArm"))
+    seen, hidden = sigma_of(whole, standing()), sigma_of(without, standing())
     assert hidden[wrist] > 4.0 * seen[wrist]
-    trunk = JOINT_INDEX["SpineMid"]
     assert hidden[trunk] < 1.1 * seen[trunk]
 
 
@@ -59,7 +62,7 @@ def test_a_limb_that_was_never_seen_is_as_certain_as_the_range_of_its_joints_mak
     unseen = never_seen(evidence)
     assert np.isinf(unseen[LEG]).all()
     found = sigma_of(evidence, standing(), unseen)
-    assert (found[LIMB_OF_JOINTS == LEG][1:] > 0.05).all()  # the hip belongs to the trunk, too
+    assert (found[LIMB_OF_JOINTS == LEG] > 0.05).all()  # knee, ankle and foot; the hip counts as a part of the trunk
     assert (found[LIMB_OF_JOINTS != LEG] < 0.02).all()
 
 

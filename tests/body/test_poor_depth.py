@@ -7,9 +7,10 @@ import pytest
 from body_builder import FRONT, LEFT, adult_body, hide_bones, points, seen_body, standing, stepped
 from pieces_builder import pieces_of
 
-from anchorpose.body.belief import vague_belief
+from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig, UncertaintyConfig, VisibilityConfig
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.inverse_kinematics import CorrectedJoints, apply_corrections
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS
 from anchorpose.body.registration import posterior
 from anchorpose.body.skin_points import pose_points
@@ -34,16 +35,27 @@ def found(evidence: Evidence, *details: DepthDetail) -> tuple[PoorDepth | None, 
     return poor_depth(pose_points(BODY, POSE), evidence.views, evidence.cameras, details, REACH_M)
 
 
-def estimated(evidence: Evidence, *details: DepthDetail, unseen_s: np.ndarray | None = None) -> Estimate:
-    """What is reported of a frame that cameras of such detail show."""
+def estimated(
+    evidence: Evidence,
+    *details: DepthDetail,
+    belief: PoseBelief | None = None,
+    unseen_s: np.ndarray | None = None,
+    seen_sigma_m: np.ndarray | None = None,
+    corrected: CorrectedJoints | None = None,
+) -> Estimate:
+    """What is reported of a frame that cameras of such detail show. belief: the pose, if it does not follow from the
+    frame alone.
+    """
     seen = posterior(BODY, POSE, vague_belief(POSE), evidence, RegistrationConfig())
+    seen = seen if belief is None else replace(seen, belief=belief)
     pieces = []
     for view, camera, detail in zip(evidence.views, evidence.cameras, details, strict=True):
         own = pieces_of(view, camera)
         sensor = replace(own.sensor, edge_px=detail.edge_px, focal_px=detail.focal_px, step_per_m=detail.step_per_m)
         pieces.append(replace(own, sensor=sensor))
     frame = type("Seen", (), {"evidence": evidence, "pieces": pieces, "frame_set": None})()
-    return estimate_of(BODY, seen, frame, None, TrackConfig(), earlier=Earlier(unseen_s=unseen_s))
+    earlier = Earlier(unseen_s=unseen_s, seen_sigma_m=seen_sigma_m)
+    return estimate_of(BODY, seen, frame, None, TrackConfig(), corrected, earlier)
 
 
 def test_a_hidden_joint_that_is_too_uncertain_is_lost_and_still_shown_as_hidden():
@@ -58,6 +70,30 @@ def test_a_hidden_joint_that_is_too_uncertain_is_lost_and_still_shown_as_hidden(
     assert estimate.shown[FOOT] is JointState.HIDDEN
     lately = np.where(unseen_s > 0.0, 0.2, 0.0)
     assert estimated(evidence, *sharp, unseen_s=lately).states[FOOT] is JointState.HIDDEN
+
+
+def test_a_limb_that_becomes_hidden_does_not_become_more_certain():
+    """While little of a leg was seen, its sigma was large; a moment later nothing of it is seen."""
+    evidence = seen_body(POSE, BODY, (FRONT,), hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase"))
+    unseen_s = np.zeros((PARTS, 2))
+    unseen_s[LIMB_OF_JOINTS[FOOT]] = 1.0 / 15.0
+    before = np.full(21, 0.1)
+    known, unknown = (
+        estimated(evidence, SHARP, unseen_s=unseen_s, seen_sigma_m=sigma_m).sigma_m for sigma_m in (before, None)
+    )
+    leg = LIMB_OF_JOINTS[FOOT] == LIMB_OF_JOINTS
+    assert (known[leg] > before[leg]).all()
+    np.testing.assert_array_equal(known[~leg], unknown[~leg])
+
+
+def test_a_hidden_joint_that_a_reviewer_placed_has_the_reviewer_s_sigma():
+    evidence = seen_body(POSE, BODY, (FRONT,), hide_bones("LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase"))
+    leg = np.flatnonzero(LIMB_OF_JOINTS[FOOT] == LIMB_OF_JOINTS)
+    placed = CorrectedJoints(leg, BODY.joints(POSE)[leg], np.full(len(leg), 0.03))
+    belief = apply_corrections(BODY, vague_belief(POSE), placed, UncertaintyConfig().inflation)
+    estimate = estimated(evidence, SHARP, belief=belief, unseen_s=np.zeros((PARTS, 2)), corrected=placed)
+    assert JointState.LOST not in [estimate.states[joint] for joint in leg]
+    np.testing.assert_allclose(estimate.sigma_m[leg], 0.03, atol=0.01)
 
 
 @pytest.mark.parametrize("edge_px", [11.0, 13.0])

@@ -11,7 +11,7 @@ from anchorpose.body.learning import learn_body
 from anchorpose.body.registration import descend
 from anchorpose.body.shape_prior import ShapeBelief, adult_belief, shape_of_height, standing_height
 from anchorpose.body.skin_points import build_body
-from anchorpose.body.uncertainty import frame_sigma
+from anchorpose.body.uncertainty import frame_errors
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import UNKNOWN
@@ -82,12 +82,8 @@ def between(one_m: float, other_m: float) -> ShapeBelief:
 
 
 def shape_sigma(frame: PosedFrame, shape: ShapeBelief) -> np.ndarray:
-    """The part of the joints' sigma that an uncertain shape adds."""
-    with_shape, without = (
-        frame_sigma(PERSON, frame.pose, frame.evidence, np.zeros(21), CONFIG.registration, 1e-6, shape=one)
-        for one in (shape, None)
-    )
-    return np.sqrt(np.maximum(with_shape**2 - without**2, 0.0))
+    """The part of the joints' sigma that follows from an uncertain shape."""
+    return np.sqrt(frame_errors(PERSON, frame.pose, frame.evidence, CONFIG.registration, shape=shape).shape)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["whole", "feet cut off"])

@@ -40,6 +40,8 @@ from anchorpose.joints import JOINT_INDEX, JointState
 # maximum number of nodes used for sigma; the 2,500 nodes of the fit would double the computing time and change sigma by
 # under a tenth
 NODES: Final = 1200
+# maximum number of nodes used for ``frame_errors``; with 1,200 nodes, the sigmas differ by up to a tenth
+FRAME_NODES: Final = 600
 
 
 def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
@@ -103,9 +105,16 @@ IN_REACH_M: Final = 0.45
 BROADER_M: Final = 0.13  # m, breadth of a chest (0.35 m) minus its depth (0.22 m)
 
 # m, root mean square error of a learnt body's joints per axis that is the same in every frame, beyond the error that
-# follows from the uncertain shape. With this value, most joints' share of errors within 1.96 sigma is at least 0.93 on
+# follows from the uncertain shape. With this value, at least 93 % of the errors of most joints lie within 1.96 sigma on
 # the hard scenes for tuning (suite ``hard`` of ``benchmarks/run.py``)
 CONSTANT_ERROR_M: Final = 0.003
+
+
+class FrameErrors(NamedTuple):
+    """The variance of the joints' places that follows from one frame."""
+
+    pose: np.ndarray  # (21,) m2, from the rows of this frame alone, along the direction in which it is largest
+    shape: np.ndarray  # (21,) m2 per axis, from the uncertainty of the body's shape; 0 if this is unknown
 
 
 def joint_sigma(
@@ -115,16 +124,25 @@ def joint_sigma(
     config: UncertaintyConfig,
     noise: np.ndarray | None = None,
     patch_m: float = 0.0,
+    frame: FrameErrors | None = None,
 ) -> np.ndarray:
     """Return the standard deviation (21,) of the joints' position errors per axis, metres.
 
     covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise:
     array of the same shape from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from
     ``finest_patch_m``; a limb lies midway between its two edges, and each edge has a uniform error within such a patch.
+    frame: from ``frame_errors``; None: only the covariance counts.
+
+    The covariance treats the errors of all frames as independent. But clothes, person labels and hidden limbs cause the
+    same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So the
+    variance of a joint is at least the variance that follows from this frame alone.
     """
-    places = body.mesh.joints(posed.transforms)
-    every = config.inflation**2 * covariance + (0.0 if noise is None else noise)
-    variance = _variance(body, posed, every, joint_bones(body.points.asset), places)
+    places, bones = body.mesh.joints(posed.transforms), joint_bones(body.points.asset)
+    variance = config.inflation**2 * _variance(body, posed, covariance, bones, places)
+    if frame is not None:
+        variance = np.maximum(variance, frame.pose) + frame.shape
+    if noise is not None:
+        variance = variance + _variance(body, posed, noise, bones, places)
     unlike_m = standing_off_sigma_m(body.points, body.shape)
     return np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + unlike_m**2 + patch_m**2 / 24.0 + variance)
 
@@ -183,53 +201,45 @@ def smeared_sigma(
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + variance + turned))
 
 
-def frame_sigma(
+def frame_errors(
     body: Body,
     pose: Pose,
     evidence: Evidence,
-    sigma_m: np.ndarray,
     config: RegistrationConfig,
-    floor_m: float,
+    *,
     unseen_s: np.ndarray | None = None,
     shape: ShapeBelief | None = None,
-) -> np.ndarray:
-    """Return sigma_m (21,), increased to the sigma that follows from this frame alone, and by the uncertainty of the
-    body's shape.
+) -> FrameErrors:
+    """Return the errors of the joints that follow from the rows of one frame and from the ranges of the joints.
 
-    The posterior treats the errors of all frames as independent. But errors of clothes, of person labels and of hidden
-    limbs stay the same for many frames, so earlier frames add little knowledge. For example, the assumption that a foot
-    stands must count once, not in every frame. This sigma is therefore computed only from this frame, the joint ranges
-    and the time since each part was seen (unseen_s as in ``vague_belief``). floor_m: as in ``UncertaintyConfig``.
-
+    unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts.
     Pose and shape are parameters of the same normal equations, so a body with another shape would have been registered
     in another pose. Where skin is seen, the joints of the two bodies hardly differ, even if their bones do.
     """
-    # more nodes would change this sigma by about a tenth
-    posed, few = pose_points(body, pose), replace(config, node_count=min(config.node_count, NODES // 2))
-    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], few)
-    alike = config.rows_per_observation * min(
-        1.0, few.node_count / min(config.node_count, max(len(evidence.surface), 1))
-    )
+    posed, fewer_nodes = pose_points(body, pose), replace(config, node_count=min(config.node_count, FRAME_NODES))
+    rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], fewer_nodes)
+    used = min(config.node_count, max(len(evidence.surface), 1))
+    alike = config.rows_per_observation * min(fewer_nodes.node_count / used, 1.0)
     if unseen_s is not None:  # nodes near a hidden part of a limb do not show this part
         rows = rows.where(~(unseen_s > 0.0).ravel()[segment_of_points(body.points)[rows.point]])
     free = None if shape is None else shape.free
     found = _by_frame(body, pose, rows, vague_belief(pose, unseen_s).information, alike, free)
-    # take the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in
-    # depth
-    variance = np.linalg.eigvalsh(found.spread)[:, -1]
-    sigma = np.maximum(sigma_m, np.sqrt(floor_m**2 + CONSTANT_ERROR_M**2 + variance))
+    # the largest variance along any direction: a hidden knee errs forward, an arm that points at a camera errs in depth
+    worst = np.linalg.eigvalsh(found.spread)[:, -1]
     if shape is None:
-        return np.asarray(sigma)
-    moved = found.by_shape.copy()
-    moved[..., : shape.free.coefficients] += joints_by_shape(body, posed, shape.free.coefficients)
-    return np.hypot(sigma, np.sqrt(place_variance(moved, shape.covariance)))
+        return FrameErrors(worst, np.zeros(len(worst)))
+    by_shape = found.by_shape.copy()
+    by_shape[..., : shape.free.coefficients] += joints_by_shape(body, posed, shape.free.coefficients)
+    return FrameErrors(worst, place_variance(by_shape, shape.covariance))
 
 
 class _FromFrame(NamedTuple):
     """The joints' errors that follow from one frame."""
 
     spread: np.ndarray  # (21, 3, 3) m2, mean of the outer products of the joints' errors
-    by_shape: np.ndarray  # (21, 3, s) derivative of the joints' places by the shape, through the registered pose
+    # (21, 3, s) change of the joints' places by the shape, because the registered pose changes with the shape; the
+    # change that the shape causes in an unchanged pose is not included
+    by_shape: np.ndarray
 
 
 def _by_frame(

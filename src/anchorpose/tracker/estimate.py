@@ -13,15 +13,16 @@ from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, explain
 from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.kinematics import missing_joints
-from anchorpose.body.pose import Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, SEGMENT_OF_JOINTS, Pose
 from anchorpose.body.registration import Registration
 from anchorpose.body.rivals import Rival, with_rivals
 from anchorpose.body.shape_prior import ShapeBelief
 from anchorpose.body.skin_points import Body, FittedShape, PosedPoints, pose_points
 from anchorpose.body.uncertainty import (
+    FrameErrors,
     before_lost_ends,
     finest_patch_m,
-    frame_sigma,
+    frame_errors,
     joint_sigma,
     lost_ends,
     noise_covariance,
@@ -68,7 +69,9 @@ class Earlier(NamedTuple):
 
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
-    unseen_s: np.ndarray | None = None  # (PARTS, 2) s, time since a limb's halves (cut at elbow or knee) were last seen
+    # (PARTS, 2) s, time since the trunk's two parts and the limbs' halves (cut at elbow or knee) were last seen
+    unseen_s: np.ndarray | None = None
+    seen_sigma_m: np.ndarray | None = None  # (21,) m, sigma of each joint when its part was last seen; NaN = never
     shape: ShapeBelief | None = None  # as ``Run.shape``
 
 
@@ -109,7 +112,8 @@ def estimate_of(
     posed = pose_points(body, belief.pose)
     joints = body.mesh.joints(posed.transforms)
     explanation = explain(body.points, posed, evidence)
-    sigma = _sigma(body, belief, posed, observation, explanation, config, earlier)
+    frame = _frame_errors(body, belief.pose, evidence, config, earlier, corrected)
+    sigma = _sigma(body, belief, posed, observation, explanation, config, frame, earlier.rivals)
     poor = poor_depth(posed, evidence.views, evidence.cameras, _details(observation), config.visibility.reach_m)
     shown = _states(body, posed, explanation, evidence, poor, config)
     ends = lost_ends(shown, earlier.ends)
@@ -137,6 +141,24 @@ def estimate_of(
     )
 
 
+def _frame_errors(
+    body: Body, pose: Pose, evidence: Evidence, config: TrackConfig, earlier: Earlier, corrected: CorrectedJoints | None
+) -> FrameErrors:
+    """Return the errors of the joints that follow from this frame alone.
+
+    The error that a joint had when its part was last seen is added to the error of a hidden joint. For the limbs of
+    corrected joints, the covariance of the pose alone counts: it contains the reviewer's places.
+    """
+    found = frame_errors(body, pose, evidence, config.registration, unseen_s=earlier.unseen_s, shape=earlier.shape)
+    variance = found.pose.copy()
+    if earlier.unseen_s is not None and earlier.seen_sigma_m is not None:
+        hidden = (earlier.unseen_s > 0.0).ravel()[SEGMENT_OF_JOINTS]
+        variance[hidden] += np.nan_to_num(earlier.seen_sigma_m[hidden]) ** 2
+    if corrected is not None:
+        variance[np.isin(LIMB_OF_JOINTS, LIMB_OF_JOINTS[corrected.joint])] = 0.0
+    return found._replace(pose=variance)
+
+
 def _sigma(
     body: Body,
     belief: PoseBelief,
@@ -144,20 +166,18 @@ def _sigma(
     observation: Observation,
     explanation: Explanation,
     config: TrackConfig,
-    earlier: Earlier,
+    frame: FrameErrors,
+    rivals: Sequence[Rival],
 ) -> np.ndarray:
-    """Return the joints' sigma_m (21,) from the posterior of the pose, increased by each error that the posterior does
-    not include.
+    """Return the joints' sigma_m (21,) from the posterior of the pose and the frame's errors, increased by each error
+    that these do not include.
     """
-    evidence, uncertainty = observation.evidence, config.uncertainty
+    evidence = observation.evidence
     noise = noise_covariance(body, belief, evidence, config.registration)
     patch_m = finest_patch_m(evidence)
-    sigma = joint_sigma(body, posed, belief.covariance, uncertainty, noise, patch_m)
-    sigma = frame_sigma(
-        body, belief.pose, evidence, sigma, config.registration, uncertainty.floor_m, earlier.unseen_s, earlier.shape
-    )
-    if earlier.rivals:
-        sigma = with_rivals(body, body.joints(belief.pose), sigma, earlier.rivals)
+    sigma = joint_sigma(body, posed, belief.covariance, config.uncertainty, noise, patch_m, frame)
+    if rivals:
+        sigma = with_rivals(body, body.joints(belief.pose), sigma, rivals)
     sigma = unexplained_sigma(body, belief.pose, evidence, explanation, sigma)
     return _smeared_sigma(body, belief.pose, observation, sigma, config)
 

@@ -20,13 +20,13 @@ from anchorpose.body.inverse_kinematics import (
     relax_limbs,
 )
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, SEGMENT_OF_JOINTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
 from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
-from anchorpose.joints import JOINT_INDEX
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.motion.prediction import predict_joints
 from anchorpose.recording.recording import FrameSet
 from anchorpose.surface.surface import BodyMap, ExpectedSkin
@@ -72,6 +72,7 @@ class PatientTracker:
     feet: StandingFeet
     ends: frozenset[int]  # joint numbers of hands and feet that were lost and not seen since then
     limb_seen_s: np.ndarray  # (PARTS, 2) s, when a limb's halves (split at elbow or knee) were last seen; NaN = never
+    seen_sigma_m: np.ndarray  # (21,) m, sigma of each joint when its part was last seen; NaN = never
     skin_sigma_m: np.ndarray
     first: Estimate
 
@@ -92,6 +93,7 @@ class PatientTracker:
         self.feet = StandingFeet(self.points)
         self.ends = frozenset()
         self.limb_seen_s = np.full((PARTS, 2), np.nan)
+        self.seen_sigma_m = np.full(JOINT_COUNT, np.nan)
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
@@ -178,10 +180,12 @@ class PatientTracker:
             honoured = corrected
             if corrected is not None and contradicted(self.body, registration.belief, corrected):
                 honoured = None
-            unseen_s = self._unseen_s(registration, seen)
-            earlier = Earlier(self.rivals, self.ends, unseen_s, self.run.shape)
+            unseen_s = self._unseen_s(registration, seen, honoured)
+            earlier = Earlier(self.rivals, self.ends, unseen_s, self.seen_sigma_m, self.run.shape)
             estimate = estimate_of(self.body, registration, seen, share, self.config, honoured, earlier)
             self.ends = estimate.ends
+            shown = (unseen_s == 0.0).ravel()[SEGMENT_OF_JOINTS] & np.isfinite(estimate.sigma_m)
+            self.seen_sigma_m = np.where(shown, estimate.sigma_m, self.seen_sigma_m)
             estimate = displaced(estimate, self.run.room.calibration.displaced_m)
             posed = pose_points(self.body, self.belief.pose)
             self.skin_sigma_m = skin_sigma(self.body, posed, self.belief.covariance, self.config.uncertainty)
@@ -191,11 +195,11 @@ class PatientTracker:
                 self.feet.forget(corrected.joint.tolist())
         return estimate
 
-    def _unseen_s(self, registration: Registration, seen: Observation) -> np.ndarray:
+    def _unseen_s(self, registration: Registration, seen: Observation, corrected: CorrectedJoints | None) -> np.ndarray:
         """Return (PARTS, 2) seconds since each half of a limb was last seen, inf if never; record which halves are seen
-        now.
+        now. corrected: the reviewer's corrections that the images do not contradict.
         """
-        time_s, corrected = seen.frame_set.time_s, self._corrections(seen)
+        time_s = seen.frame_set.time_s
         shown = registration.found & likelihood(self.body, registration.belief.pose, seen.evidence).seen
         if corrected is not None:
             shown[LIMB_OF_JOINTS[corrected.joint]] = True  # the reviewer saw this limb
