@@ -24,6 +24,9 @@ OFF_SKIN_M: Final = 0.2
 # a found person of small surface is only a part of the patient, mistaken for a person by the descriptor, if at least
 # this share of its pixels lies on the patient's predicted skin
 OWN_SHARE: Final = 0.5
+# two people of whom each has at least this share of pixels on the patient's predicted skin are one person: a body that
+# was fitted to two people by mistake covers about half of each
+ONE_BODY_SHARE: Final = 0.75
 
 
 def one_patient(
@@ -76,12 +79,13 @@ def _patient_pixels(pixels: Pieces | None, view: View | None) -> Pieces | None:
 
 def _may_be_others(theirs: Sequence[Pieces | None], people: People, skin: cKDTree | None, moved: bool) -> np.ndarray:
     """Return (k,) bool: people who may not be the patient. If at least two people have enough surface for a whole
-    person, all such people are included. If many pixels lie off the patient's predicted skin (``moved``), people whose
-    pixels lie mostly off this skin are included, too.
+    person, all such people are included, unless one body explains them: the patient's predicted skin covers them all.
+    If many pixels lie off this skin (``moved``), people whose pixels lie mostly off it are included, too.
     """
+    share = _share_on_skin(theirs, people, skin)
     large = np.array([person.area_m2 >= PERSON_AREA_M2 for person in people.people])
-    large &= large.sum() > 1
-    return large | (_share_on_skin(theirs, people, skin) < OWN_SHARE) if moved else large
+    large &= (large.sum() > 1) and (share[large] < ONE_BODY_SHARE).any()
+    return large | (share < OWN_SHARE) if moved else large
 
 
 def _nearest(people: People, place_xz_m: np.ndarray) -> int:
