@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from anchorpose.pipeline import track_recording
-from anchorpose.results.folder import unfinished_results
+from anchorpose.results.unfinished import unfinished_results
 from anchorpose.results.verify import LOG_FILE
 from anchorpose.tracker import passes
 from anchorpose.tracker.config import TrackConfig

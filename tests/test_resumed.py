@@ -11,7 +11,7 @@ import pytest
 
 from anchorpose.errors import InputError
 from anchorpose.pipeline import track_recording
-from anchorpose.results.folder import unfinished_results
+from anchorpose.results.unfinished import unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker import journal, passes

@@ -22,7 +22,7 @@ from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, depths_of
-from anchorpose.results.folder import BEGUN_FILE, begin_journal, clear_beside_journal, end_journal
+from anchorpose.results.unfinished import BEGUN_FILE, begin_journal, clear_beside_journal, end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig

@@ -12,7 +12,7 @@ from anchorpose.batch.tracking import done_identity, track_session
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError
-from anchorpose.results.folder import JOURNAL, unfinished_results
+from anchorpose.results.unfinished import JOURNAL, unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 

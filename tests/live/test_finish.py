@@ -23,8 +23,8 @@ from anchorpose.live.feed import Intake
 from anchorpose.live.first_seconds import LiveOptions
 from anchorpose.live.session import _finish
 from anchorpose.live.stored import SESSION_FILE, SessionStore, StoredPatient, read_session
-from anchorpose.results.folder import JOURNAL, unfinished_results
 from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.unfinished import JOURNAL, unfinished_results
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig

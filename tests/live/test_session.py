@@ -15,8 +15,8 @@ from anchorpose.live.first_seconds import LiveOptions, User
 from anchorpose.live.session import track_live
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.results.folder import unfinished_results
 from anchorpose.results.tables import JOINTS_FILE, read_joints
+from anchorpose.results.unfinished import unfinished_results
 from anchorpose.simulate.config import clinic, single
 from anchorpose.simulate.write import simulate_recording
 from anchorpose.tracker.config import TrackConfig

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.results.folder import begin_journal
 from anchorpose.results.run_record import RUN_FILE, read_run
+from anchorpose.results.unfinished import begin_journal
 
 INPUTS = {f"front/depth/{number:06d}.png": "ab" * 32 for number in range(200_000)}  # 18 MB
 

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from anchorpose.errors import InputError
-from anchorpose.results.folder import (
+from anchorpose.results.folder import RESULTS
+from anchorpose.results.unfinished import (
     BEGUN_FILE,
     EARLIER,
     JOURNAL,
     MARK,
     MARK_FILE,
-    RESULTS,
     begin_journal,
     begun_identity,
     end_journal,

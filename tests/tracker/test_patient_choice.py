@@ -6,9 +6,9 @@ from body_builder import FRONT, LEFT
 
 from anchorpose.isolation.people import Person
 from anchorpose.recording.equipment import Box, EquipmentModel
+from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.patient_choice import choose_patient, named_patient
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
-from anchorpose.tracker.start import rank_initial_frames
 
 CAMERAS = (FRONT, LEFT)  # both look at the world's origin
 AHEAD = (1.0, 0.0)

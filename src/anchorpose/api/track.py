@@ -54,7 +54,8 @@ def track_watched(
 ) -> Results:
     """Track a recording as ``track`` does, and report progress and notes to ``watcher``."""
     from anchorpose.pipeline import track_recording
-    from anchorpose.results.folder import RESUME, check_results_path, unfinished_results
+    from anchorpose.results.folder import check_results_path
+    from anchorpose.results.unfinished import RESUME, unfinished_results
 
     calibration, corrections, events = (
         None if path is None else Path(path) for path in (options.calibration, options.corrections, options.events)

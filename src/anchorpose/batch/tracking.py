@@ -23,8 +23,8 @@ from anchorpose.batch.summary import (
 )
 from anchorpose.errors import AnchorposeError
 from anchorpose.remote import local_copy
-from anchorpose.results.folder import begun_identity, wait_until_free
 from anchorpose.results.run_record import RUN_FILE, read_run
+from anchorpose.results.unfinished import begun_identity, wait_until_free
 
 Progress = Callable[[int, int], None]
 

@@ -94,7 +94,7 @@ def live(
     from anchorpose.live.session import track_live
     from anchorpose.live.stored import finish_session
     from anchorpose.recording.writable import check_place
-    from anchorpose.results.folder import unfinished_results
+    from anchorpose.results.unfinished import unfinished_results
 
     run, browser, given = run or RunOptions(), browser or PageOptions(), options or LiveGiven()
     if given.finish:

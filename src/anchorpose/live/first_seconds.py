@@ -27,12 +27,12 @@ from anchorpose.recording.recording import UNKNOWN, Recording, align_clocks
 from anchorpose.sources.plan import encode_grey
 from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.initial_frame import with_best_initial_frame
 from anchorpose.tracker.learning_pass import LearntPatient, learn_patient
 from anchorpose.tracker.passes import plan_route
 from anchorpose.tracker.preparation import Settled, furnish_room, prepare_room, sample_recording
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
-from anchorpose.tracker.start import with_best_initial_frame
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
 # Minimum score of the initial frame, as a share of the best frame's score. A lower share permits a later initial frame,

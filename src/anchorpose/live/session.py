@@ -31,7 +31,7 @@ from anchorpose.live.recorder import Recorder
 from anchorpose.live.stored import LivePatient, SessionStore, write_patients
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
-from anchorpose.results.folder import end_journal
+from anchorpose.results.unfinished import end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 

@@ -18,7 +18,9 @@ from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
 from anchorpose.recording.regular_file import is_there
-from anchorpose.results.folder import (
+from anchorpose.results.folder import write_text_whole
+from anchorpose.results.run_record import as_json
+from anchorpose.results.unfinished import (
     BEGUN_FILE,
     FIRST_SECONDS,
     JOURNAL,
@@ -28,9 +30,7 @@ from anchorpose.results.folder import (
     end_journal,
     is_live_session,
     unfinished_results,
-    write_text_whole,
 )
-from anchorpose.results.run_record import as_json
 from anchorpose.threads import one_thread
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.journal import Blocks, Journal

@@ -18,6 +18,7 @@ from anchorpose.track_tree.hypotheses import Hypotheses
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import follow_openly
+from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import observe_first
 from anchorpose.tracker.passes import Route, learn_on, plan_route, start_of
@@ -26,7 +27,6 @@ from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.prior_shape import ORDINARY_HEIGHT_M, ordinary_height_m
 from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
-from anchorpose.tracker.start import rank_initial_frames
 
 # maximum number of frames from the recording's initial frame to the inspected frame; tracking so many frames takes
 # about 30 s. If the initial frame is farther away, tracking starts at a nearer frame

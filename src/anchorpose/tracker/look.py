@@ -21,10 +21,10 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.tracker.initial_frame import rank_initial_frames
 from anchorpose.tracker.patient_choice import BEFORE_M, CHEST_M, looks_at_most
 from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
-from anchorpose.tracker.start import rank_initial_frames
 
 # m, maximum distance between the twin (the real person) and the reflected place of the mirror image. The camera may see
 # the front of the twin and the back of the image; front and back are this far apart

@@ -26,13 +26,13 @@ from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
+from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
 from anchorpose.tracker.look import Look, look_around
 from anchorpose.tracker.observing import isolate_first
 from anchorpose.tracker.patient_choice import GIVEN_M, named_patient
 from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
-from anchorpose.tracker.start import ranked_by_view, with_best_initial_frame
 
 # factor on the number of samples if the recording has no image of the empty room. The room is then composed from
 # samples in which people hide different parts of it
