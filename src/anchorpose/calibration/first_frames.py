@@ -50,7 +50,7 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """
     steps = []
     for depth in depths_m:
-        values = np.unique(depth[depth > 0].astype(np.float64))
+        values = np.unique(depth[depth > 0]).astype(np.float64)
         if len(values) > 1:
             steps.append(np.median(np.diff(values) / values[1:] ** 2))
     return float(np.median(steps)) if steps else 0.0
