@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+from body_builder import FRONT as BODY_CAMERA
+from body_builder import adult_body, seen_body, standing
 from room_builder import FRONT, ROOM, filtered, picture, shot
 
 from anchorpose.calibration.first_frames import noise_per_m, step_per_m
@@ -12,6 +14,7 @@ from anchorpose.isolation.depth_noise import (
     LIMB_M,
     DepthDetail,
     DepthNoise,
+    measure_detail,
     measure_noise,
     neighbour_noise,
     smear_px,
@@ -203,7 +206,7 @@ def test_edges_of_an_unfiltered_camera_are_sharp():
 
 
 def test_without_edges_nothing_is_said():
-    assert smear_px([picture(FRONT, *ROOM, seed=1)]) == 0
+    assert smear_px([picture(FRONT, *ROOM, seed=1)]) is None
 
 
 def test_ramps_are_left_out_and_both_sides_kept():
@@ -225,3 +228,19 @@ def test_a_ramp_of_a_smoothing_camera_is_no_reading_and_so_hides_a_person():
     off_m = np.abs(pieces.depth_m - depth_m)
     assert off_m[found].max() < 0.45  # the ramp's foot is left, the rest of two metres is not
     assert (found | (pieces.labels == PixelLabel.NO_READING))[person].mean() > 0.9  # hardly seen past
+
+
+def slanted_boards(depth_m: np.ndarray) -> np.ndarray:
+    """The image of a person before a far wall: readings of the wall only behind the thighs, and boards beside."""
+    image = np.where(depth_m < 4.0, depth_m, np.float32(0.0))
+    image[220:300] = depth_m[220:300]
+    image[:, :128] = np.interp(np.arange(128) % 64, [0, 8, 20, 40, 52, 64], [4.0, 4.0, 2.5, 2.5, 4.0, 4.0])
+    return image
+
+
+@pytest.mark.parametrize("width_px", [1, 11])
+def test_slanted_boards_do_not_hide_that_the_outlines_of_people_are_sharp(width_px):
+    person = filtered(seen_body(standing(), adult_body()).views[0].depth_m, width_px)
+    image = slanted_boards(person)
+    assert smear_px([image]) >= 10
+    assert measure_detail([image], BODY_CAMERA).filtered == (width_px > 1)

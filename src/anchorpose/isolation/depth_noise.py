@@ -20,6 +20,7 @@ import numpy as np
 
 from anchorpose.calibration.first_frames import step_per_m
 from anchorpose.camera import Camera
+from anchorpose.descriptor.people import people_mask
 from anchorpose.isolation.components import JumpLimit, jump_limit
 
 LIMB_M: Final = 0.08  # m, thickness of a forearm, the thinnest limb (25 cm in circumference)
@@ -61,29 +62,34 @@ WIDEST_PX: Final = 16  # pixels, maximum width of an edge; a wider ramp is a sla
 JUMP_M: Final = 0.40
 FLAT: Final = 0.1  # maximum depth change along one side of an edge, as a share of the depth difference across it
 MIDDLE: Final = (0.2, 0.8)  # an edge's width is measured from 20 % to 80 % of the depth difference across it
-LEAST_EDGES: Final = 1000  # minimum number of measured edges in all frames; real recordings have tens of thousands
+# minimum number of measured edges in all frames; one image of a real, filtered recording has 900 on a person's outline
+LEAST_EDGES: Final = 200
 SHARP_PX: Final = 2.0  # pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; unfiltered edges: at most one
 FRAMES: Final = 8  # number of frames in which edges are measured
 # a pixel that differs from both sides of an edge by more than this share of the edge's depth jump is on a false ramp
 ON_RAMP: Final = 0.15
 
 
-def smear_px(frames_m: Sequence[np.ndarray]) -> int:
-    """Return the width in pixels of this camera's depth edges; 0 if they are sharp or too few to measure.
+def smear_px(frames_m: Sequence[np.ndarray], people: Sequence[np.ndarray] | None = None) -> int | None:
+    """Return the width in pixels of this camera's depth edges; 0 if they are sharp, None if too few are seen.
 
-    frames_m: (height, width) float32 metres, 0 = no reading.
+    frames_m: (height, width) float32 metres, 0 = no reading. people: for each frame (height, width) bool, the pixels
+    that show people; only the outlines of people are measured. None: all edges are measured.
     """
-    chosen = frames_m[:: max(1, len(frames_m) // FRAMES)]
-    middles = np.concatenate([_middles(depth) for frame in chosen for depth in (frame, frame.T)])
+    masks = [None] * (2 * len(frames_m)) if people is None else [mask for own in people for mask in (own, own.T)]
+    turned = [depth for frame in frames_m for depth in (frame, frame.T)]
+    middles = np.concatenate([_middles(depth, mask) for depth, mask in zip(turned, masks, strict=True)])
     if len(middles) < LEAST_EDGES:
-        return 0
+        return None
     middle = float(np.median(middles))
     return 0 if middle <= SHARP_PX else int(np.ceil(middle / (MIDDLE[1] - MIDDLE[0])))
 
 
-def _middles(depth_m: np.ndarray) -> np.ndarray:
+def _middles(depth_m: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     """Return the widths (e,), pixels, of depth edges with a flat surface on both sides, found along the rows. Widths
     are measured between the shares ``MIDDLE`` of the depth difference across the edge.
+
+    near (height, width) bool: only edges are measured whose nearer side alone lies in this mask.
     """
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
@@ -92,7 +98,11 @@ def _middles(depth_m: np.ndarray) -> np.ndarray:
     places = [depth_m[:, k : k + span] for k in (0, beside, beside + WIDEST_PX, WIDEST_PX + 2 * beside)]
     jump = np.abs(places[2] - places[1])
     even = (np.abs(places[1] - places[0]) < FLAT * jump) & (np.abs(places[3] - places[2]) < FLAT * jump)
-    row, column = np.nonzero((jump > JUMP_M) & even)
+    measured = (jump > JUMP_M) & even
+    if near is not None:
+        left, right = near[:, beside : beside + span], near[:, beside + WIDEST_PX : beside + WIDEST_PX + span]
+        measured &= np.where(places[1] < places[2], left & ~right, right & ~left)
+    row, column = np.nonzero(measured)
     ramp = depth_m[row[:, None], column[:, None] + np.arange(WIDEST_PX + 2 * beside + 1)]
     ramp = ramp[(ramp > 0).all(axis=1), beside : beside + WIDEST_PX + 1]
     ends = np.sort(ramp[:, [0, -1]], axis=1)
@@ -191,8 +201,18 @@ class Sensor(DepthDetail):
 
 
 def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetail:
-    """Measure edge width and depth steps on one camera's frames (height, width) float32 metres, 0 = no reading."""
-    return DepthDetail(max(smear_px(frames_m), SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
+    """Measure edge width and depth steps on one camera's frames (height, width) float32 metres, 0 = no reading.
+
+    A slanted surface between two flat surfaces looks like a wide edge. In an image without readings behind the people,
+    such surfaces may outnumber the edges. So if edges seem wide, the outlines of people alone are measured, unless
+    these are too few.
+    """
+    chosen = frames_m[:: max(1, len(frames_m) // FRAMES)]
+    edge_px = smear_px(chosen) or 0
+    if edge_px:
+        outline_px = smear_px(chosen, [people_mask(depth, camera) for depth in chosen])
+        edge_px = edge_px if outline_px is None else outline_px
+    return DepthDetail(max(edge_px, SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
 
 
 def measure_noise(
