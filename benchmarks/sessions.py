@@ -109,7 +109,7 @@ def measures_of(joints: JointTable, clinic: Clinic) -> tuple[Session, list[Measu
     def measure(part: Session, rows: slice) -> list[Measure]:
         return [
             *extension_measures(part, config.extension),
-            *independence_measures(part, config.independence),
+            *independence_measures(part),
             *tremor_measures(part, config.tremor),
         ]
 

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from event_builder import still, tracked
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
+from session_builder import measured
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import grows_with_time
-from anchorpose.report.comparison import change_between, write_comparison
+from anchorpose.report.comparison import _change, change_between, write_comparison
 from anchorpose.report.detectable import read_detectable
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
@@ -139,9 +141,11 @@ def test_what_grows_with_the_time_is_not_tested_between_sessions_of_different_le
     assert words.split("time ")[1] in told
 
 
-def test_of_about_the_same_length_a_change_is_tested(tmp_path):
-    changes, told = changes_of(tmp_path, lasting(60.0), lasting(62.0))
+def test_of_about_the_same_length_a_change_is_tested_beyond_what_the_length_explains(tmp_path):
+    more = tuple(replace(m, value=45.0) if m.measure == "upright_time" else m for m in lasting(62.0))
+    changes, told = changes_of(tmp_path, lasting(60.0), more)
     assert "more than the errors" in changes["time upright"]
+    assert "within the errors" in changes["longest time upright without a break"]
     assert "the same version with the same settings and cameras" in told
 
 
@@ -287,3 +291,19 @@ def test_other_events_do_not_make_another_recording(tmp_path):
     ]
     with pytest.raises(InputError, match="same recording"):
         write_comparison(folders, tmp_path / "c.html")
+
+
+@pytest.mark.parametrize("longer_s", [3.0, 12.0])
+def test_a_slightly_longer_session_of_a_patient_who_always_stands_shows_no_change(longer_s):
+    """Every measure of time grows by as much as the session; none grows by more than its errors and that."""
+    found = [measured(tracked(still(seconds), 0.006, 1, fast_m=0.001))[1] for seconds in (300.0, 300.0 + longer_s)]
+    first, later = (list(each.values()) for each in found)
+    grown = 0
+    for old in first:
+        new = found[1].get(old.key)
+        if old.value is None or new is None or new.value is None or old.unit != "s" or old.measure == "recorded_time":
+            continue
+        change = _change(old, new, first, later, None)
+        assert "exceeds" not in change, (old.measure, change)
+        grown += new.value - old.value > 0.9 * longer_s
+    assert grown >= 6

@@ -3,10 +3,12 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from event_builder import still, tracked
 from page_reader import PageReader
 from ratings_builder import write_scores
 from results_builder import make_frame, standing_joints, write_results
@@ -15,11 +17,12 @@ from trials_builder import trials_in_turn, write_trial_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trial, Trials
-from anchorpose.report.condition_section import condition_section
+from anchorpose.report.condition_section import _effects, condition_section
 from anchorpose.report.page import write_report
 from anchorpose.report.parameter_curves import levels_of
 from anchorpose.report.session import Session, read_session
-from anchorpose.results.measuring import MeasureConfig, write_measured
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.measuring import MeasureConfig, measure_session, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.ratings import rated_session
 from anchorpose.results.records import Measure, read_trial_measures
@@ -280,3 +283,21 @@ def test_what_a_difference_shows_can_be_read_without_scrolling_aside(folder, chr
     assert all(box["x"] >= 0 and box["x"] + box["width"] <= width for box in boxes)
     assert opened.evaluate("document.documentElement.scrollWidth") <= width
     context.close()
+
+
+def test_slightly_longer_trials_of_a_patient_who_always_stands_show_no_difference():
+    """Trials with stimulation last 0.6 s longer: every time grows by that, which is no effect of the stimulation."""
+    rng, rows, onset_s = np.random.default_rng(4), list[Trial](), 1.0
+    for number in range(12):
+        name = ("off", "on")[(number + (number // 2) % 2) % 2]
+        length_s = 20.0 + 0.6 * (name == "on") + rng.uniform(0.0, 0.2)
+        rows.append(Trial(number + 1, name, onset_s, length_s, onset_s))
+        onset_s += length_s + 3.0
+    trials, joints = Trials((), tuple(rows)), tracked(still(onset_s), 0.004, 1, fast_m=0.0005)
+    _, found = measure_session(joints, joint_angles(joints), (), MeasureConfig(), trials, ("bar",))
+    session = SimpleNamespace(trial_measures=tuple(row for row in found if row.condition))
+    for name in ("upright_time", "longest_upright_bout", "trunk_extended_alone_time"):
+        own = [row for row in session.trial_measures if row.measure == name and row.trial]
+        (effect,) = _effects(own, session, trials, {})
+        assert effect.difference > 0.5, name
+        assert not effect.shown, name

@@ -111,8 +111,8 @@ def test_a_mean_over_many_frames_is_hardly_more_certain_than_one_frame():
     )
     assert 0.7 * short < long < short
     sigma = np.full(10, 2.0)
-    assert sigma_of_mean(sigma, 1e9, ANGLE_SHARE) == pytest.approx(2.0 * np.sqrt(ANGLE_SHARE))
-    assert sigma_of_mean(sigma, 0.0, ANGLE_SHARE) == pytest.approx(2.0)
+    assert sigma_of_mean(sigma, np.full(10, 1e9), ANGLE_SHARE) == pytest.approx(2.0 * np.sqrt(ANGLE_SHARE))
+    assert sigma_of_mean(sigma, np.full(10, 1e-3), ANGLE_SHARE) == pytest.approx(2.0)
 
 
 def test_leaning_over_one_foot_loads_it_and_beyond_the_feet_there_is_no_share():

@@ -23,8 +23,8 @@ from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
-"""Maximum difference between two comparable spans of time, as a share of the longer span. A difference of this share
-changes a measure that grows with time by about the same share, which is rarely more than the measure's errors.
+"""Maximum difference between two comparable spans of time, as a share of the longer span. A smaller difference widens
+the limit of what counts as a change (``allowance``).
 """
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
@@ -69,6 +69,26 @@ def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Meas
     return next((words for words in (_unlike(old, new) for old, new in pairs) if words), None)
 
 
+def allowance(measure: Measure, first: Sequence[Measure], later: Sequence[Measure], largest: float) -> float:
+    """Return how much a measure may change, in its unit, only because one span of time is longer than the other; 0 for
+    a measure that does not grow with time.
+
+    first, later: as in ``unlike_time``; largest: the larger absolute value of the measure. A patient who stands all the
+    time stands longer in a longer recording, by the same share as the recording is longer.
+    """
+    if not grows_with_time(measure):
+        return 0.0
+    pairs = zip(_spans_of(measure, first), _spans_of(measure, later), strict=True)
+    return largest * max((_apart(old.seconds, new.seconds) for old, new in pairs), default=0.0)
+
+
+def _apart(old_s: float | None, new_s: float | None) -> float:
+    """Return the difference of two spans as a share of the longer span; 0 if a span is unknown or 0."""
+    if old_s is None or new_s is None or not max(old_s, new_s):
+        return 0.0
+    return abs(new_s - old_s) / max(old_s, new_s)
+
+
 def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[str]:
     """Return a sentence for each time span whose length differs between two sessions: the time recorded, the time with
     known posture, and the time over which sway is computed.
@@ -102,7 +122,7 @@ def _unlike(old: Span, new: Span) -> str | None:
 
 
 def _differ(old_s: float, new_s: float) -> bool:
-    return abs(new_s - old_s) > ALIKE * max(old_s, new_s)
+    return _apart(old_s, new_s) > ALIKE
 
 
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; all others are only counted

@@ -22,7 +22,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.report.comparable import differences, require_comparable, unlike_time
+from anchorpose.report.comparable import allowance, differences, require_comparable, unlike_time
 from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import (
     grouped_measures,
@@ -125,10 +125,13 @@ class Change:
         return None if self.detectable is None else abs(self.difference) > self.detectable
 
 
-def change_between(first: Measure, later: Measure, repeated: float | None = None) -> Change | None:
+def change_between(
+    first: Measure, later: Measure, repeated: float | None = None, allowed: float = 0.0
+) -> Change | None:
     """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
     detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless the limit from the
-    two sigmas is larger.
+    two sigmas is larger. allowed: the change that sessions of different length explain (``allowance``); it is added to
+    the limit.
 
     Raises ValueError for different measures or units.
     """
@@ -140,8 +143,8 @@ def change_between(first: Measure, later: Measure, repeated: float | None = None
     # no limit unless both sigmas are known and not 0; a sigma of 0 means that no error was measured
     limit = NORMAL_95 * math.hypot(first.sigma, later.sigma) if first.sigma and later.sigma else None
     if repeated is not None and repeated >= (limit or 0.0):
-        return Change(difference, repeated, repeated=True)
-    return Change(difference, limit)
+        return Change(difference, repeated + allowed, repeated=True)
+    return Change(difference, None if limit is None else limit + allowed)
 
 
 Key = tuple[str, str | None, str | None]
@@ -190,7 +193,7 @@ def _change_row(
     measures = [each.get((like.measure, like.side, like.part)) for each in found]
     values = [_value(measure) for measure in measures]
     changes = [
-        _change(measures[0], measure, unlike_time(like, sessions[0].measures, later.measures), repeated)
+        _change(measures[0], measure, sessions[0].measures, later.measures, repeated)
         for later, measure in zip(sessions[1:], measures[1:], strict=True)
     ]
     return title_of(like), words_of(like.measure).meaning, [*values, *changes]
@@ -204,14 +207,23 @@ def _value(measure: Measure | None) -> Markup:
     return Markup("{}<br>{}").format(value_and_error(measure), inferred_share(measure, " % inferred"))
 
 
-def _change(first: Measure | None, later: Measure | None, unlike: str | None, repeated: float | None) -> Markup:
-    """Return the table cell of a change. unlike: the reason why the change is shown but not tested; None if it is
-    tested. repeated: as in ``change_between``.
+def _change(
+    first: Measure | None,
+    later: Measure | None,
+    firsts: Sequence[Measure],
+    laters: Sequence[Measure],
+    repeated: float | None,
+) -> Markup:
+    """Return the table cell of a change. firsts, laters: all measures of either session, whose time spans decide
+    whether the change is tested; repeated: as in ``change_between``.
     """
-    limit = repeated if later is not None and later.part is None else None
-    change = None if first is None or later is None else change_between(first, later, limit)
-    if change is None or later is None:
+    if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")
+    limit, largest = repeated if later.part is None else None, max(abs(first.value), abs(later.value))
+    change = change_between(first, later, limit, allowance(later, firsts, laters, largest))
+    if change is None:
+        return UNKNOWN.format("not comparable")
+    unlike = unlike_time(later, firsts, laters)
     if unlike is not None:
         change = Change(change.difference, None)
     verdicts = REPEATED_VERDICTS if change.repeated else VERDICTS

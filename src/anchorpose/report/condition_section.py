@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trials
-from anchorpose.report.comparable import ALIKE, grows_with_time, unlike_time
+from anchorpose.report.comparable import ALIKE, allowance, grows_with_time, unlike_time
 from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
 from anchorpose.report.parameter_curves import parameter_charts
@@ -142,7 +142,8 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
     first = rows[0]
     if not grows_with_time(first):
         return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)))
-    return effects(rows, trials, untested=_unlike_times(rows, session, trials))
+    untested, allowed = _unlike_times(rows, session, trials), _allowances(rows, session, trials)
+    return effects(rows, trials, untested=untested, allowed=allowed)
 
 
 def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
@@ -161,6 +162,18 @@ def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> 
     reference = measures_of[trials.conditions[0]]
     found = {name: unlike_time(rows[0], reference, measures) for name, measures in measures_of.items()}
     return {name: f"it grows with time ({why})" for name, why in found.items() if why}
+
+
+def _allowances(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, float]:
+    """Return, by condition, how much a measure may differ from the reference condition only because the trials of one
+    condition last longer (``allowance``).
+    """
+    known = {row.trial for row in rows if row.value is not None}
+    means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
+    measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
+    largest = max((abs(row.value) for row in rows if row.value is not None), default=0.0)
+    reference = measures_of[trials.conditions[0]]
+    return {name: allowance(rows[0], reference, measures, largest) for name, measures in measures_of.items()}
 
 
 def _about(trials: Trials) -> list[str]:

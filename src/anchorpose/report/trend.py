@@ -21,7 +21,7 @@ from markupsafe import Markup
 from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import unlike_time
+from anchorpose.report.comparable import allowance, unlike_time
 from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import PRINTED, title_of, unit_of, value_form, words_of
 from anchorpose.report.session import Session
@@ -180,7 +180,9 @@ def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Fol
         return _Followed(like, x, value, sigma, None, "it grows with time, and the sessions last differently")
     if np.ptp(value[known]) == 0.0:
         return _Followed(like, x, value, sigma, None, "it has the same value in all sessions")
-    return _Followed(like, x, value, sigma, fit_line(x[known], value[known], sigma[known]), "")
+    largest = float(np.abs(value[known]).max())
+    allowed = [allowance(like, used[0].measures, each.measures, largest) for each in used]
+    return _Followed(like, x, value, sigma, fit_line(x[known], value[known], np.hypot(sigma[known], allowed)), "")
 
 
 def _row(followed: _Followed, detectable: Detectable) -> TrendRow:

@@ -69,13 +69,18 @@ class Effect:
 
 
 def effects(
-    rows: Sequence[Measure], trials: Trials, repeated: float | None = None, untested: Mapping[str, str] | None = None
+    rows: Sequence[Measure],
+    trials: Trials,
+    repeated: float | None = None,
+    untested: Mapping[str, str] | None = None,
+    allowed: Mapping[str, float] | None = None,
 ) -> list[Effect]:
     """Return the effect on one measure of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
     if it is known from repeated sessions. untested: for conditions whose effect on this measure is not tested, the
-    reason, by condition.
+    reason, by condition. allowed: by condition, the difference that trials of different length explain; it is added to
+    the smallest difference that counts as real.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -85,6 +90,7 @@ def effects(
             each if (each.detectable or 0.0) > repeated else replace(each, detectable=repeated, repeated=True)
             for each in found
         ]
+    found = [_allowing(each, (allowed or {}).get(each.condition, 0.0)) for each in found]
     reasons = untested or {}
     found = [
         replace(each, p=None, why=each.why or reasons[each.condition]) if each.condition in reasons else each
@@ -93,6 +99,11 @@ def effects(
     tested = [each for each in found if each.p is not None]
     adjusted = dict(zip([t.condition for t in tested], holm([t.p for t in tested if t.p is not None]), strict=True))
     return [replace(each, p=adjusted.get(each.condition)) for each in found]
+
+
+def _allowing(effect: Effect, allowed: float) -> Effect:
+    """Return the effect with ``allowed`` added to the smallest difference that counts as real."""
+    return replace(effect, detectable=(effect.detectable or 0.0) + allowed) if allowed else effect
 
 
 def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[str, str], comparisons: int) -> Effect:

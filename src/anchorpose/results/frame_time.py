@@ -10,6 +10,11 @@ import numpy as np
 LONGEST_STEP: Final = 1.5
 """Maximum time between successive frames, as a multiple of the usual time; if more time passes, a frame is missing."""
 
+ONE_DROPPED: Final = 2.5
+"""Maximum time between two successive frames of one movement, as a multiple of the usual time. So a single dropped
+frame does not end the movement. Two dropped frames do, since a fast movement may begin and end between them.
+"""
+
 LONGEST_GAP_S: Final = 0.5
 """A gap between frames of at most this length in s is too short for sitting down or standing up. If the patient has the
 same posture before and after a gap this short, the posture is taken to have continued in the gap. What happened in a
@@ -40,6 +45,13 @@ def longest_even_step_s(time_s: np.ndarray) -> float:
     bridge this gap. NaN for fewer than two frames.
     """
     return LONGEST_STEP * usual_step_s(time_s)
+
+
+def longest_dropped_s(time_s: np.ndarray) -> float:
+    """Return the maximum time in s between successive frames of one movement (``ONE_DROPPED``); NaN for fewer than two
+    frames.
+    """
+    return ONE_DROPPED * usual_step_s(time_s)
 
 
 def longest_known_gap_s(time_s: np.ndarray) -> float:
@@ -89,6 +101,17 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
     """
     longest_s = longest_known_gap_s(time_s) if longest_step_s is None else longest_step_s
     return runs_of(chosen, np.diff(time_s) <= longest_s)
+
+
+def followed(known: np.ndarray, time_s: np.ndarray, seconds: float) -> np.ndarray:
+    """Return (n,) bool: ``known`` frames after which all frames of the next ``seconds`` are known and at most a single
+    frame is dropped at a time. What lies beyond the last frame does not count.
+    """
+    found = np.zeros(len(known), dtype=bool)
+    for run in unbroken_runs(known, time_s, longest_dropped_s(time_s)):
+        last = run.stop == len(known)
+        found[run] = last | (time_s[run.stop - 1] - time_s[run] >= seconds)
+    return found
 
 
 def runs_of(chosen: np.ndarray, joined: np.ndarray | None = None) -> list[slice]:

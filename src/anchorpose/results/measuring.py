@@ -42,7 +42,7 @@ from anchorpose.results.stand_training.extension import (
     symmetry_measures,
 )
 from anchorpose.results.stand_training.failed_stands import find_failed_stands
-from anchorpose.results.stand_training.independence import IndependenceConfig, independence_measures
+from anchorpose.results.stand_training.independence import IndependenceConfig, extended_states, independence_measures
 from anchorpose.results.stand_training.recovery_steps import find_recovery_steps
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
@@ -214,6 +214,9 @@ def measure_session(
         episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
         contacts=contacts,
         equipment=tuple(equipment),
+        shifted_upright=np.stack([upright(found, config.upright, shift) for shift in (-1.0, 1.0)], axis=1),
+        extended=extended_states(angles, found, config.independence),
+        onset_s=float(joints.time_s[0]),
     )
     events = find_events(quiet, steps, config)
     session = replace(quiet, episodes=(*quiet.episodes, *event_episodes(joints, events)))
@@ -245,7 +248,7 @@ def _measures(
     transitions, steps and events in it.
     """
     return [
-        *time_measures(session, config.upright),
+        *time_measures(session),
         *transition_measures(session, moves),
         *extension_measures(session, config.extension),
         *sway_measures(session, config.sway),
@@ -256,7 +259,7 @@ def _measures(
         *event_measures(session, events, config.events),
         *tremor_measures(session, config.tremor),
         *assistance_measures(session),
-        *independence_measures(session, config.independence),
+        *independence_measures(session),
     ]
 
 

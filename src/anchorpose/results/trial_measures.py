@@ -57,7 +57,7 @@ def _of_trial(
         empty: dict[str, Any] = {"value": None, "sigma": None, "frames": 0, "inferred_share": None}
         empty |= {"why": TOO_FEW_FRAMES}
         return [replace(row, **empty, condition=trial.condition, trial=trial.number) for row in whole]
-    found = {row.key: row for row in measure(cut_session(session, rows, settle_s), rows)}
+    found = {row.key: row for row in measure(cut_session(session, rows, settle_s, trial.start_s), rows)}
     absent = (_absent(row, found) for row in whole if row.key not in found)
     complete = [*found.values(), *(row for row in absent if row is not None)]
     return [replace(row, condition=trial.condition, trial=trial.number) for row in complete]
@@ -74,8 +74,8 @@ def _absent(like: Measure, found: dict[MeasureKey, Measure]) -> Measure | None:
     return replace(like, value=value, sigma=None, frames=0, inferred_share=None, why=general.why)
 
 
-def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
-    """Cut a session to the given rows (frames).
+def cut_session(session: Session, rows: slice, settle_s: float, onset_s: float) -> Session:
+    """Cut a session to the given rows (frames) of a trial that begins at onset_s.
 
     Contacts are cut to the chosen frames, too. Episodes that reach into the chosen frames stay whole. Episodes that
     ended up to settle_s before the chosen frames are also kept, since the patient may not be at rest yet after standing
@@ -93,6 +93,9 @@ def cut_session(session: Session, rows: slice, settle_s: float) -> Session:
         seconds=frame_seconds(joints.time_s),
         episodes=tuple(e for e in session.episodes if e.end_s + settle_s >= start_s and e.start_s <= end_s),
         contacts=None if contacts is None else tuple(c for _, c in _clipped(contacts, joints.frame, joints.time_s)),
+        shifted_upright=session.shifted_upright[rows],
+        extended=session.extended[rows],
+        onset_s=onset_s,
     )
 
 

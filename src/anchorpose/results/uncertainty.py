@@ -34,15 +34,15 @@ def systematic_share(unit: str) -> float:
     return ANGLE_SHARE if unit == "deg" else JOINT_SHARE
 
 
-def sigma_of_mean(sigma: np.ndarray, seconds: float, share: float) -> float:
-    """Return sigma of the mean of values (k,) that are spread over ``seconds`` and have the standard deviations
-    ``sigma``. share: the systematic share of the variance, ``ANGLE_SHARE`` or ``JOINT_SHARE``.
+def sigma_of_mean(sigma: np.ndarray, seconds: np.ndarray, share: float) -> float:
+    """Return sigma of the mean over time of values (k,) with the standard deviations ``sigma`` (k,). seconds (k,): the
+    time that each value represents; share: the systematic share of the variance, ``ANGLE_SHARE`` or ``JOINT_SHARE``.
 
     Averaging does not reduce the systematic share of the variance; the random share decreases as if every two
     correlation times gave one independent value.
     """
-    averaged = min(1.0, 2.0 * CORRELATION_S / seconds) if seconds > 0 else 1.0
-    return float(np.sqrt(np.mean(sigma**2) * (share + (1.0 - share) * averaged)))
+    averaged = min(1.0, 2.0 * CORRELATION_S / float(seconds.sum()))
+    return float(np.sqrt(np.average(sigma**2, weights=seconds) * (share + (1.0 - share) * averaged)))
 
 
 def systematic_sigma(sigma: np.ndarray, share: float) -> np.ndarray:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import followed, longest_dropped_s, unbroken_runs, usual_step_s
 from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, STAND_TO_SIT
 from anchorpose.results.stand_training.event import (
     BRIEF_SHARE,
@@ -63,18 +63,20 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could be distinguished from
-    errors of measurement.
+    """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could begin and be found: the
+    angles are known without a gap for the next ``fast_s``, and the buckle could be distinguished from errors of
+    measurement.
     """
     own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
-    return session.upright & np.isfinite(own.degrees + other.degrees) & (error <= config.buckle_deg)
+    clear = session.upright & (error <= config.buckle_deg)
+    return clear & followed(np.isfinite(own.degrees + other.degrees), session.joints.time_s, config.fast_s)
 
 
 def _of_side(session: Session, side: str, config: EventConfig) -> Iterator[Event]:
     own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
     time_s, step_s = session.joints.time_s, usual_step_s(session.joints.time_s)
-    for run in unbroken_runs(np.isfinite(own.degrees + other.degrees), time_s, 2.0 * step_s):
+    for run in unbroken_runs(np.isfinite(own.degrees + other.degrees), time_s, longest_dropped_s(time_s)):
         knees = tuple(_calm(knee.degrees[run], step_s) for knee in (own, other))
         for flexion in _fast_flexions(time_s[run], knees[0], config):
             sigma = _sigma(own, flexion, run.start)

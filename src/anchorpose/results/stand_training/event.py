@@ -150,6 +150,9 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, row: int, level: float) ->
     return float(time_s[row] + share * (time_s[row + 1] - time_s[row]))
 
 
+NO_ONSET: Final = "no frame shows the onset"
+
+
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
     """Return sigma of a latency. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
     the latency's beginning, which may lie up to one frame before the first frame.

@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.results.records import BUCKLE_LEFT, BUCKLE_RIGHT, FAILED_STAND, RECOVERY_LEFT, RECOVERY_RIGHT, Measure
 from anchorpose.results.stand_training.buckles import buckle_watched
 from anchorpose.results.stand_training.event import (
+    NO_ONSET,
     ONSET_SIGMA_S,
     TOO_SLOW,
     Event,
@@ -51,13 +52,13 @@ def event_measures(session: Session, events: Sequence[Event], config: EventConfi
 
 def _watches(session: Session, config: EventConfig) -> list[Watch]:
     buckles = [
-        Watch("knee_buckle", s, kind, "deg", session.upright, buckle_watched(session, s, config), NO_UPRIGHT)
+        Watch("knee_buckle", s, kind, "deg", session.maybe_upright, buckle_watched(session, s, config), NO_UPRIGHT)
         for s, kind in (("left", BUCKLE_LEFT), ("right", BUCKLE_RIGHT))
     ]
     every, posture = np.ones(len(session.seconds), dtype=bool), session.stance.height + session.stance.thigh_deg
     balance = recovery_watched(session, config)
     recoveries = [
-        Watch("recovery_step", s, kind, "mm", session.upright, balance, NO_UPRIGHT)
+        Watch("recovery_step", s, kind, "mm", session.maybe_upright, balance, NO_UPRIGHT)
         for s, kind in (("left", RECOVERY_LEFT), ("right", RECOVERY_RIGHT))
     ]
     return [*buckles, Watch("failed_stand", None, FAILED_STAND, "1", every, np.isfinite(posture), ""), *recoveries]
@@ -96,8 +97,11 @@ def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) ->
         return [unknown(name, unit, NONE_SEEN, watch.side) for name, unit in names]
     first, deepest = min(own, key=lambda event: event.frames.start), max(own, key=lambda event: event.depth)
     time_s = session.joints.time_s
-    value = float(time_s[first.frames.start] - time_s[0])
+    value, codes = float(time_s[first.frames.start] - session.onset_s), np.array([first.state_code])
+    sigma_s = latency_sigma_s(time_s, ONSET_SIGMA_S)
     return [
-        known(latency, "s", value, np.array([first.state_code]), latency_sigma_s(time_s, ONSET_SIGMA_S), watch.side),
+        known(latency, "s", value, codes, sigma_s, watch.side)
+        if session.onset_seen
+        else unknown(latency, "s", NO_ONSET, watch.side, codes),
         known(largest, watch.unit, deepest.depth, np.array([deepest.state_code]), deepest.sigma, watch.side),
     ]

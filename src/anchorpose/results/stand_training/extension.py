@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from scipy.ndimage import median_filter
 
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_dropped_s, unbroken_runs, usual_step_s
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
 from anchorpose.results.stand_training.stance import ANKLES, Angle, Session, known, unknown
@@ -59,10 +59,11 @@ def _flexion(session: Session, angle: str, side: str) -> list[Measure]:
     if not used.any():
         names = (f"{angle}_upright_{which}" for which in ("mean", "least", "greatest"))
         return [unknown(measure, "deg", NOT_UPRIGHT_WITH, side) for measure in names]
-    (value, sigma, state_code), seconds = (rows[used] for rows in series), float(session.seconds[used].sum())
-    least, greatest = np.percentile(value, [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE])
+    (value, sigma, state_code), seconds = (rows[used] for rows in series), session.weights[used]
+    shares = [LEAST_PERCENTILE, 100.0 - LEAST_PERCENTILE]
+    least, greatest = np.percentile(value, shares, weights=seconds, method="inverted_cdf")
     found = (
-        ("mean", float(value.mean()), sigma_of_mean(sigma, seconds, ANGLE_SHARE)),
+        ("mean", float(np.average(value, weights=seconds)), sigma_of_mean(sigma, seconds, ANGLE_SHARE)),
         ("least", float(least), _sigma_near(sigma, value <= least)),
         ("greatest", float(greatest), _sigma_near(sigma, value >= greatest)),
     )
@@ -117,8 +118,8 @@ def _difference(session: Session, angle: str) -> Measure:
     if not used.any():
         return unknown(measure, "deg", NOT_UPRIGHT_WITH)
     sigma = np.sqrt(left.sigma_deg[used] ** 2 + right.sigma_deg[used] ** 2)
-    sigma_deg = sigma_of_mean(sigma, float(session.seconds[used].sum()), ANGLE_SHARE)
-    value = float(np.mean(left.degrees[used] - right.degrees[used]))
+    sigma_deg = sigma_of_mean(sigma, session.weights[used], ANGLE_SHARE)
+    value = float(np.average(left.degrees[used] - right.degrees[used], weights=session.weights[used]))
     return known(measure, "deg", value, np.maximum(left.state_code, right.state_code)[used], sigma_deg)
 
 
@@ -160,8 +161,8 @@ def _load_shares(session: Session) -> list[Measure]:
     names = (("left", -1.0), ("right", 1.0))
     if not used.any():
         return [unknown("load_share", "1", NO_STANCE, side) for side, _ in names]
-    along = float(load.rightwards[used].mean())
-    sigma = sigma_of_mean(load.sigma[used], float(session.seconds[used].sum()), JOINT_SHARE)
+    along = float(np.average(load.rightwards[used], weights=session.weights[used]))
+    sigma = sigma_of_mean(load.sigma[used], session.weights[used], JOINT_SHARE)
     return [known("load_share", "1", 0.5 + sign * along, load.state_code[used], sigma, side) for side, sign in names]
 
 
@@ -211,7 +212,7 @@ def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarr
         return np.empty(0, dtype=np.int64), np.empty(0)
     window = 2 * round(0.5 * HELD_S / step_s) + 1
     rows, held = [np.empty(0, dtype=np.int64)], [np.empty(0)]
-    for run in unbroken_runs(np.isfinite(degrees), time_s, 2.0 * step_s):
+    for run in unbroken_runs(np.isfinite(degrees), time_s, longest_dropped_s(time_s)):
         if time_s[run.stop - 1] - time_s[run.start] >= LEAST_S:
             rows.append(np.arange(run.start, run.stop))
             held.append(median_filter(degrees[run], window, mode="nearest"))

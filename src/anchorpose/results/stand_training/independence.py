@@ -19,8 +19,8 @@ from anchorpose.joints import JOINT_INDEX, LOST, STATE_CODE, JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import runs_of_known
 from anchorpose.results.records import Contact, Measure, with_people
-from anchorpose.results.stand_training.event import latency_sigma_s
-from anchorpose.results.stand_training.stance import Session, hold, known, unknown
+from anchorpose.results.stand_training.event import NO_ONSET, latency_sigma_s
+from anchorpose.results.stand_training.stance import Session, Stance, hold, known, unknown
 from anchorpose.results.stand_training.touch import (
     NEVER_FOUND,
     NO_CONTACTS,
@@ -29,7 +29,7 @@ from anchorpose.results.stand_training.touch import (
     sigma_of_time,
     touch_of,
 )
-from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT
+from anchorpose.results.tables import NOT_UPRIGHT, UPRIGHT, AngleTable
 from anchorpose.results.uncertainty import ANGLE_SHARE, systematic_sigma
 from anchorpose.settings import settings
 
@@ -100,14 +100,14 @@ def _parts() -> tuple[_Part, ...]:
 PARTS: Final = _parts()
 
 
-def independence_measures(session: Session, config: IndependenceConfig) -> list[Measure]:
+def independence_measures(session: Session) -> list[Measure]:
     """Return, for each part, the time extended, the time extended without another person's hand on the part, and the
     time and bouts extended with neither such a hand nor equipment on the part. Also return bouts upright without help,
     and the upright time for each number of hands with which the patient holds on.
     """
     rows = list[Measure]()
     for part in PARTS:
-        rows += _extension(session, part, config)
+        rows += _extension(session, part)
     return [*rows, *_unaided(session), *_holding(session)]
 
 
@@ -127,28 +127,45 @@ class _Extended(NamedTuple):
     codes: np.ndarray
 
 
-def _extended(session: Session, part: _Part, config: IndependenceConfig) -> _Extended:
+def extended_states(angles: AngleTable, found: Stance, config: IndependenceConfig) -> np.ndarray:
+    """Return (n, 5, 3) bool: whether each of ``PARTS`` is extended if all angles are larger by their systematic sigma,
+    as measured, and smaller by this sigma.
+
+    An extended part stays extended until its angle exceeds ``bent_deg`` (hysteresis). A knee bent backwards (a negative
+    angle) counts as extended.
+    """
+    states = np.zeros((len(angles.frame), len(PARTS), 3), dtype=bool)
+    for number, part in enumerate(PARTS):
+        degrees, sigma = _bend(angles, found, part)
+        for place, shift in enumerate((1.0, 0.0, -1.0)):
+            bend = degrees + shift * systematic_sigma(sigma, ANGLE_SHARE)
+            held = hold(bend <= config.extended_deg, bend > config.bent_deg, np.isfinite(bend))
+            states[:, number, place] = held == UPRIGHT
+    return states
+
+
+def _bend(angles: AngleTable, found: Stance, part: _Part) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bend of a part, or the inclination of the trunk, and its sigma, (n,) degrees."""
     if part.angle is None:
-        degrees, sigma = session.stance.trunk_deg, session.stance.trunk_sigma_deg
+        return found.trunk_deg, found.trunk_sigma_deg
+    column = angles.column(part.angle)
+    return angles.degrees[:, column], angles.sigma_deg[:, column]
+
+
+def _extended(session: Session, part: _Part) -> _Extended:
+    if part.angle is None:
         codes = session.joints.state_code[:, [JOINT_INDEX["SpineBase"], JOINT_INDEX["SpineShoulder"]]].max(axis=1)
     else:
-        degrees, sigma, codes = session.angle(part.angle)
-    is_known, error = session.upright & np.isfinite(degrees), systematic_sigma(sigma, ANGLE_SHARE)
-    less, frames, more = (_held_extended(degrees + shift * error, config) & is_known for shift in (1.0, 0.0, -1.0))
+        codes = session.angle(part.angle).state_code
+    is_known = session.upright & np.isfinite(_bend(session.angles, session.stance, part)[0])
+    less, frames, more = (session.extended[:, PARTS.index(part)] & is_known[:, None]).T
     sigma_s = 0.5 * float(session.seconds[more].sum() - session.seconds[less].sum())
     decided = is_known | (session.posture.upright == NOT_UPRIGHT)
     return _Extended(is_known, decided, frames, less, more, sigma_s, codes)
 
 
-def _held_extended(degrees: np.ndarray, config: IndependenceConfig) -> np.ndarray:
-    """Return (n,) bool: whether the part is extended. An extended part stays extended until its angle exceeds
-    ``bent_deg`` (hysteresis). A knee bent backwards (a negative angle) counts as extended.
-    """
-    return hold(degrees <= config.extended_deg, degrees > config.bent_deg, np.isfinite(degrees)) == UPRIGHT
-
-
-def _extension(session: Session, part: _Part, config: IndependenceConfig) -> list[Measure]:
-    name, found = f"{part.name}_extended", _extended(session, part, config)
+def _extension(session: Session, part: _Part) -> list[Measure]:
+    name, found = f"{part.name}_extended", _extended(session, part)
     names = {f"{name}_{what}": unit for what, unit in _EXTENSION.items()}
     if not found.is_known.any():
         return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
@@ -190,6 +207,8 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     Sigma includes the possibility of an earlier extension in frames in which the angle is unknown.
     """
     name, time_s = f"{part.name}_extended_latency", session.joints.time_s
+    if not session.onset_seen:
+        return unknown(name, "s", NO_ONSET, part.side, found.codes[found.is_known])
     if not found.frames.any() or found.frames[0]:
         why = EXTENDED_BEFORE if found.frames.any() else NEVER_EXTENDED
         return unknown(name, "s", why, part.side, found.codes[found.is_known])
@@ -198,7 +217,8 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     unsure_s = float(session.seconds[:first][~found.decided[:first]].sum()) / np.sqrt(3.0)
     sigma_s = np.hypot(0.5 * (time_s[late] - time_s[early]), unsure_s)
     codes = found.codes[first : first + 1]
-    return known(name, "s", float(time_s[first] - time_s[0]), codes, latency_sigma_s(time_s, float(sigma_s)), part.side)
+    value = float(time_s[first] - session.onset_s)
+    return known(name, "s", value, codes, latency_sigma_s(time_s, float(sigma_s)), part.side)
 
 
 class _Free(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import followed, longest_dropped_s, unbroken_runs, usual_step_s
 from anchorpose.results.records import RECOVERY_LEFT, RECOVERY_RIGHT
 from anchorpose.results.stand_training.event import Event, EventConfig, fast_enough
 from anchorpose.results.stand_training.stance import ANKLES, Session
@@ -59,10 +59,12 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which an extrapolated centre of mass ``beyond_m`` outside the feet could be
+    """Return (n,) bool: frames in which a recovery step could begin and be found: all joints are known without a gap
+    for the next ``WITHIN_S``, and an extrapolated centre of mass ``beyond_m`` outside the feet could be
     distinguished from errors of measurement.
     """
-    return np.asarray(session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m))
+    clear = session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m)
+    return np.asarray(clear & followed(np.isfinite(_sigma_m(session)), session.joints.time_s, WITHIN_S))
 
 
 def _sigma_m(session: Session) -> np.ndarray:
@@ -79,7 +81,7 @@ def _extrapolated(session: Session) -> np.ndarray:
     step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
     ankles_m = session.joints.position_m[:, ANKLES, 1].min(axis=1)
     known = np.isfinite(com_m).all(axis=1) & (com_m[:, 1] > ankles_m)
-    for run in unbroken_runs(known, time_s, 2.0 * step_s):
+    for run in unbroken_runs(known, time_s, longest_dropped_s(time_s)):
         if run.stop - run.start > 2:
             floor_m = gaussian_filter1d(com_m[run][:, [0, 2]], SMOOTHING_S / step_s, axis=0, mode="nearest")
             frequency = np.sqrt(GRAVITY_M_S2 / np.median(com_m[run, 1] - ankles_m[run]))

@@ -13,6 +13,7 @@ import numpy as np
 from anchorpose.joints import JOINT_INDEX, LOST
 from anchorpose.results.angle_definition import AngleGroup, Points, Reading, length
 from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.frame_time import longest_known_gap_s
 from anchorpose.results.joint_angles import angles_with_sigma
 from anchorpose.results.records import (
     SIT_TO_STAND,
@@ -217,6 +218,11 @@ class Session:
 
     contacts: with people and equipment, None if the results folder has no table of them; equipment: the parts that were
     searched for contacts, empty if the recording has no model of the equipment.
+
+    States with hysteresis are decided in the whole recording, since a state in a trial may have begun before the trial.
+    shifted_upright (n, 2) int8: ``upright`` if every value is moved by one sigma away from standing, and towards it;
+    extended (n, 5, 3) bool: from ``independence.extended_states``. onset_s: the time at which the recording or the
+    trial begins; a trial may begin before its first frame.
     """
 
     joints: JointTable
@@ -227,6 +233,16 @@ class Session:
     episodes: tuple[Episode, ...]
     contacts: tuple[Contact, ...] | None
     equipment: tuple[str, ...]
+    shifted_upright: np.ndarray
+    extended: np.ndarray
+    onset_s: float
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Return the weight (n,) of each frame in a mean over time: the seconds that it represents, so that a mean does
+        not depend on the frame rate. A single frame has the weight 1.
+        """
+        return self.seconds if self.seconds.any() else np.ones(len(self.seconds))
 
     def angle(self, name: str) -> Angle:
         """Return the angle with this name in all frames; raises ValueError for an unknown name."""
@@ -249,6 +265,27 @@ class Session:
     def upright(self) -> np.ndarray:
         """Return (n,) bool: frames in which the patient is known to be upright."""
         return self.posture.upright == UPRIGHT
+
+    @property
+    def maybe_upright(self) -> np.ndarray:
+        """Return (n,) bool: frames in which the patient is upright; and frames with unknown posture in which the
+        patient is found, if the posture is upright before and after them.
+        """
+        state, rows = self.posture.upright, np.arange(len(self.seconds))
+        known = state != UNKNOWN
+        if not known.any():
+            return np.zeros(len(state), dtype=bool)
+        first, last = np.flatnonzero(known)[[0, -1]]
+        before = np.maximum(np.maximum.accumulate(np.where(known, rows, -1)), first)
+        after = np.minimum(np.minimum.accumulate(np.where(known, rows, len(rows))[::-1])[::-1], last)
+        around = (state[before] == UPRIGHT) & (state[after] == UPRIGHT)
+        return np.where(known, self.upright, around & self.found)
+
+    @property
+    def onset_seen(self) -> bool:
+        """Return whether the first frame follows the onset without a gap in which it is unknown what happened."""
+        time_s = self.joints.time_s
+        return len(time_s) < 2 or bool(time_s[0] - self.onset_s <= longest_known_gap_s(time_s))
 
     @property
     def standing(self) -> np.ndarray:

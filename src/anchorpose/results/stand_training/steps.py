@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from anchorpose.joints import JOINT_INDEX, LOST
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_dropped_s, unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Episode, Measure
 from anchorpose.results.stand_training.stance import ANKLES, Session, known, unknown
 from anchorpose.results.stand_training.upright import episode
@@ -67,7 +67,7 @@ def find_steps(joints: JointTable, upright: np.ndarray) -> list[Step]:
     ankles = {side: joints.position_m[:, JOINT_INDEX[f"Ankle{side.capitalize()}"]] for side in ("left", "right")}
     known = upright & np.isfinite(ankles["left"] + ankles["right"]).all(axis=1)
     found = list[Step]()
-    for run in unbroken_runs(known, joints.time_s, 2.0 * step_s):
+    for run in unbroken_runs(known, joints.time_s, longest_dropped_s(joints.time_s)):
         if run.stop - run.start > 3:
             paths = {side: _smooth(place[run], SMOOTHING_S / step_s) for side, place in ankles.items()}
             found += _in_run(paths, joints.time_s[run], run.start)
@@ -156,14 +156,27 @@ def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
     """
     rows = [measure for side in ("left", "right") for measure in _of_side(session, steps, side)]
     time_s = session.joints.time_s
+    seen_on = _seen_until(session)
     between = [
         (float(time_s[later.frames.stop - 1] - time_s[before.frames.stop - 1]), later)
         for before, later in pairwise(steps)
-        if later.side != before.side
+        if later.side != before.side and seen_on[before.frames.stop - 1] >= time_s[later.frames.stop - 1]
     ]
     between = [each for each in between if each[0] <= LONGEST_PAUSE_S]
     sigma = np.sqrt(2.0) * EVENT_SIGMA_S
     return [*rows, _mean(session, "step_time_mean", None, "s", between, sigma, _NO_PAIR)]
+
+
+def _seen_until(session: Session) -> np.ndarray:
+    """Return the time (n,) in s until which both ankles stay known after each frame, without a gap in which a step
+    could be missed.
+    """
+    time_s = session.joints.time_s
+    until_s = time_s.copy()
+    both = np.asarray((session.joints.state_code[:, ANKLES] < LOST).all(axis=1))
+    for run in unbroken_runs(both, time_s, longest_dropped_s(time_s)):
+        until_s[run] = time_s[run.stop - 1]
+    return until_s
 
 
 _NO_STEP: Final = "no step of this foot was seen from foot off to foot strike while upright"

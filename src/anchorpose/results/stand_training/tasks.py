@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.results.frame_time import unbroken_runs, usual_step_s
+from anchorpose.results.frame_table import UNKNOWN
+from anchorpose.results.frame_time import longest_dropped_s, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
 from anchorpose.results.stand_training.stance import ANKLES, OTHER_SIDE, Session, facing, known, unknown
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
@@ -101,7 +102,7 @@ def functional_reach(session: Session, side: str) -> Measure:
     raised, begins = _raised_arm(position, forward, side, session.upright)
     wrist = JOINT_INDEX[f"Wrist{side.capitalize()}"]
     best: tuple[float, float, slice] | None = None
-    for run in unbroken_runs(raised, time_s, 2.0 * usual_step_s(time_s)):
+    for run in unbroken_runs(raised, time_s, longest_dropped_s(time_s)):
         rows = np.arange(run.start, run.stop)
         rows = rows[np.argmax(begins[run]) :] if begins[run].any() else rows[:0]
         rows = rows[: _feet_stay(position, rows)]
@@ -190,13 +191,15 @@ def single_leg_stance(session: Session, side: str) -> Measure:
 
 def _longest_on_one_leg(session: Session, height_m: np.ndarray, stands: int) -> tuple[slice | None, float]:
     """Return the longest run of frames with one ankle lifted and the other (joint ``stands``) in place, and its
-    seconds. height_m (n,): height of the lifted ankle above the other.
+    seconds. A joint that is lost for a moment does not end the run. height_m (n,): height of the lifted ankle above the
+    other.
     """
     time_s = session.joints.time_s
     best: tuple[slice | None, float] = (None, 0.0)
-    for run in unbroken_runs(session.upright & (height_m > LOWERED_M), time_s, 2.0 * usual_step_s(time_s)):
+    is_known = (session.posture.upright != UNKNOWN) & np.isfinite(height_m)
+    for run in runs_of_known(session.upright & (height_m > LOWERED_M), is_known, time_s):
         place = session.joints.position_m[run, stands]
-        still = np.linalg.norm(place - np.median(place, axis=0), axis=1).max() <= 2.0 * BASE_M
+        still = np.nanmax(np.linalg.norm(place - np.nanmedian(place, axis=0), axis=1)) <= 2.0 * BASE_M
         seconds = float(time_s[run.stop - 1] - time_s[run.start])
         if (height_m[run] >= LIFTED_M).any() and still and seconds > best[1]:
             best = (run, seconds)

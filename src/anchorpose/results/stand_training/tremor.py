@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from anchorpose.joints import STATE_CODE, JointState
-from anchorpose.results.frame_time import recorded_seconds, unbroken_runs, usual_step_s
+from anchorpose.results.frame_time import longest_dropped_s, recorded_seconds, unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
 from anchorpose.results.stand_training.event import ROUNDING_S
 from anchorpose.results.stand_training.stance import Session, known, unknown
@@ -112,7 +112,7 @@ SEEN: Final = STATE_CODE[JointState.OBSERVED]
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
     """Yield successive windows within runs of frames that are ``seen`` (n,) bool."""
     step_s = usual_step_s(time_s)
-    for run in unbroken_runs(seen, time_s, 2.0 * step_s):
+    for run in unbroken_runs(seen, time_s, longest_dropped_s(time_s)):
         starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)
         for start_s in starts.tolist():
             first, stop = np.searchsorted(time_s, [start_s - ROUNDING_S, start_s + WINDOW_S - ROUNDING_S])

@@ -12,7 +12,7 @@ from anchorpose.joints import JointState
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import frame_seconds, recorded_seconds, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, STAND_TO_SIT, UPRIGHT_EPISODE, Episode, Measure
-from anchorpose.results.stand_training.stance import Session, Stance, UprightConfig, hold, known, unknown, upright
+from anchorpose.results.stand_training.stance import Session, Stance, hold, known, unknown
 from anchorpose.results.tables import UPRIGHT, JointTable
 from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma
 from anchorpose.settings import Positive, settings
@@ -56,7 +56,7 @@ UPRIGHT_MEASURES: Final = {
 }
 
 
-def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
+def time_measures(session: Session) -> list[Measure]:
     """Return recorded, found, upright and unknown time, upright share, number of upright bouts and longest bout."""
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
@@ -77,7 +77,7 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     if not known_s:
         why = NEVER_KNOWN if total else NO_TIME
         return rows + [unknown(name, unit, why, state_code=codes) for name, unit in UPRIGHT_MEASURES.items()]
-    upright_s, sigma_s = float(seconds[standing].sum()), _sigma_s(session, config)
+    upright_s, sigma_s = float(seconds[standing].sum()), _sigma_s(session)
     longest_s = max((float(seconds[run][standing[run]].sum()) for run in runs), default=0.0)
     values = (upright_s, upright_s / known_s, float(len(runs)), longest_s)
     sigmas = (sigma_s, sigma_s / known_s, None, sigma_s)
@@ -87,7 +87,7 @@ def time_measures(session: Session, config: UprightConfig) -> list[Measure]:
     ]
 
 
-def _sigma_s(session: Session, config: UprightConfig) -> float:
+def _sigma_s(session: Session) -> float:
     """Return sigma of the upright time. It is half of the difference between the upright time if all values are shifted
     by one sigma towards standing, and the upright time if they are shifted by one sigma away from it.
 
@@ -96,9 +96,7 @@ def _sigma_s(session: Session, config: UprightConfig) -> float:
     state = session.posture.upright
     edges = 2 * len(runs_of_known(state == UPRIGHT, state != UNKNOWN, session.joints.time_s))
     usual = float(np.median(session.seconds))
-    more, less = (
-        float(session.seconds[upright(session.stance, config, shift) == UPRIGHT].sum()) for shift in (1.0, -1.0)
-    )
+    less, more = session.seconds @ (session.shifted_upright == UPRIGHT)
     return float(np.hypot(0.5 * (more - less), 0.5 * np.sqrt(edges) * usual))
 
 
