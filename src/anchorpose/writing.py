@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.contact_regions import area_of_point, region_of_points
+from anchorpose.body.contact_regions import region_of_points
 from anchorpose.body.inverse_kinematics import CONTRADICTED
 from anchorpose.body.learning import bone_lengths
 from anchorpose.body.shape_prior import ShapeBelief, standing_height
@@ -92,8 +92,8 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
     """
     dropped, lost, shares = list[DroppedFrame](), list[LostInterval](), list[float | None]()
     poor, before = list[PoorInterval](), None
-    points, equipment = body_points(), run.room.recording.part_names
-    intervals = ContactIntervals(region_of_points(points), area_of_point(points), run.config.contacts, equipment)
+    equipment = run.room.recording.part_names
+    intervals = ContactIntervals(region_of_points(body_points()), run.config.contacts, equipment)
     with (
         write_joints(results / JOINTS_FILE) as table,
         write_poses(results / POSES_FILE) as poses,

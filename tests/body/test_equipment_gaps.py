@@ -40,7 +40,7 @@ def rail_below(hand: str, gap_m: float, name: str = "rail") -> Box:
 
 
 def gaps_to(*parts: EquipmentPart, sigma_m: np.ndarray = SIGMA_M, shown: ShownSkin = ALL) -> EquipmentGaps:
-    return find_equipment_gaps(points(), POSED.points_m, shown, sigma_m, EquipmentModel(parts), REACH_M)
+    return find_equipment_gaps(adult_body(), POSED.points_m, shown, sigma_m, EquipmentModel(parts), REACH_M)
 
 
 def row_of(gaps: EquipmentGaps, name: str, part: int = 0) -> int:
@@ -55,7 +55,7 @@ def test_the_gap_is_the_distance_of_the_nearest_skin_point_less_what_lies_betwee
     assert gaps.gap_m[row] == pytest.approx(gap_m - SAMPLING_M, abs=1e-5)
     assert gaps.sigma_m[row] == pytest.approx(np.hypot(0.008, MODEL_SIGMA_M), rel=1e-5)
     within = np.count_nonzero(rail_below("hand_left", gap_m).distance_m(POSED.points_m[region("hand_left")]) < REACH_M)
-    assert gaps.area_m2[row] == pytest.approx(within * area_of_point(points()), rel=1e-5)
+    assert gaps.area_m2[row] == pytest.approx(within * area_of_point(adult_body()), rel=1e-5)
 
 
 def test_skin_inside_of_a_part_has_a_negative_gap_and_what_is_far_away_has_none():
@@ -93,7 +93,7 @@ def test_moving_patient_and_equipment_alike_changes_nothing():
         )
     )
     skin_m = POSED.points_m @ turn.T + shift
-    before, after = gaps_to(rail, tube), find_equipment_gaps(points(), skin_m, ALL, SIGMA_M, moved, REACH_M)
+    before, after = gaps_to(rail, tube), find_equipment_gaps(adult_body(), skin_m, ALL, SIGMA_M, moved, REACH_M)
     np.testing.assert_array_equal(before.part, after.part)
     np.testing.assert_array_equal(before.region, after.region)
     np.testing.assert_allclose(before.gap_m, after.gap_m, atol=1e-6)

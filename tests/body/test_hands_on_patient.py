@@ -5,7 +5,7 @@ import pytest
 from body_builder import FRONT, adult_body, before_wall, photograph, points, skin_in, standing
 
 from anchorpose.body.config import VisibilityConfig
-from anchorpose.body.contact_regions import REGIONS, area_of_point, find_nearness, region_of_points
+from anchorpose.body.contact_regions import REGIONS, find_nearness, region_of_points
 from anchorpose.body.hands_on_patient import find_hands
 from anchorpose.body.skin_points import pose_points
 from anchorpose.camera import invert_rigid, transform_points
@@ -53,8 +53,8 @@ def seen_of_person(view: View) -> BystanderMemory:
 
 def touched(view: View) -> dict[str, bool]:
     """The parts that are touched after half a second of the same view, and whether that is seen."""
-    near = find_nearness(POSED, seen_of_person(view), (view,), (FRONT,), VisibilityConfig())
-    intervals = ContactIntervals(region_of_points(points()), area_of_point(points()), ContactConfig())
+    near = find_nearness(adult_body(), POSED, seen_of_person(view), (view,), (FRONT,), VisibilityConfig())
+    intervals = ContactIntervals(region_of_points(points()), ContactConfig())
     for frame in range(6):
         list(intervals.push(frame, frame / 10.0, near))
     return intervals.touched_now(by_equipment=False)

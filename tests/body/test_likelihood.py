@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from body_builder import FRONT, Change, adult_body, asset, hide_bones, seen_body, standing, stepped
+from body_builder import FRONT, Change, adult_body, asset, camera_at, hide_bones, seen_body, standing, stepped
 from scipy.ndimage import distance_transform_edt
 
 from anchorpose.body.evidence import Evidence
@@ -12,6 +12,7 @@ from anchorpose.body.likelihood import LEAST_SEEN, likelihood, render_skin, skin
 from anchorpose.body.pose import LIMB_OF_BONES, MOVING_BONES, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.skin_points import body_points, pose_points
+from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.simulate.render import TrueImage
@@ -165,3 +166,26 @@ def test_a_chest_may_be_seen_where_the_pelvis_is_hidden():
         BODY, TRUTH, seen_body(TRUTH, BODY, (FRONT,), hide_bones("Hips", "LHipJoint", "RHipJoint", "LowerBack"))
     )
     assert found.seen[TRUNK].tolist() == [False, True]
+
+
+def test_a_part_that_a_camera_shows_is_seen_however_many_views_are_blocked():
+    """From the front, the lower two thirds of the shanks are hidden; from the sides, a person hides everything."""
+    place_m = transform_points(invert_rigid(FRONT.require_pose()), BODY.joints(TRUTH))
+    row = FRONT.intrinsics.fy * place_m[:, 1] / place_m[:, 2] + FRONT.intrinsics.cy
+    knee, ankle = (row[JOINT_INDEX[name]] for name in ("KneeLeft", "AnkleLeft"))
+
+    def hidden(view: View, picture: TrueImage) -> View:
+        below = np.arange(len(view.labels))[:, None] > knee + 0.35 * (ankle - knee)
+        labels = np.where(below, np.uint8(PixelLabel.NO_READING), view.labels)
+        return View(np.where(below, np.float32(0.0), view.depth_m), labels)
+
+    bar = seen_body(TRUTH, BODY, (FRONT,), hidden)
+    sides = [camera_at((0.9, 1.2, z), (0.0, 0.9, 0.0), name) for z, name in ((-2.2, "left"), (2.2, "right"))]
+    blocked = [
+        View(np.full((one.height, one.width), 0.5, np.float32), np.full((one.height, one.width), 9, np.uint8))
+        for one in sides
+    ]
+    three = replace(bar, views=(*bar.views, *blocked), cameras=(FRONT, *sides), outlines=(None,) * 3)
+    alone, together = (likelihood(BODY, TRUTH, evidence) for evidence in (bar, three))
+    np.testing.assert_array_equal(together.seen, alone.seen)
+    assert alone.seen[int(LIMB_OF_BONES[MOVING_BONES.index("LeftLeg")])].all()

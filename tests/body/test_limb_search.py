@@ -72,18 +72,6 @@ def test_a_sure_and_wrong_pose_is_corrected_by_what_is_seen(wrong):
     assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH).max() < 0.10
 
 
-def test_a_round_of_the_search_moves_at_most_one_of_two_misplaced_limbs() -> None:
-    wrong = spoilt(TRUTH, **IN_TRUNK, **ON_RIGHT_LEG)
-    evidence = seen_body(TRUTH, BODY)
-    found = register(BODY, sure(wrong), evidence, NOTHING, CONFIG)
-    searches = [search_limbs(BODY, found, sure(wrong), evidence, CONFIG, rounds=rounds) for rounds in (1, 4)]
-    one, both = (joint_errors_m(BODY, search.registration.belief.pose, TRUTH) > 0.1 for search in searches)
-    arm, leg = JOINT_INDEX["WristLeft"], JOINT_INDEX["AnkleLeft"]
-    assert one[arm] != one[leg]
-    assert not both[arm]
-    assert not both[leg]
-
-
 def test_a_right_pose_leaves_nothing_uncovered_and_no_limb_is_seen_past():
     explanation = explain(points(), pose_points(BODY, TRUTH), seen_body(TRUTH, BODY))
     assert explanation.uncovered_m2 < 0.001

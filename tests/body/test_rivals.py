@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing
+from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing, stepped
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
@@ -17,6 +17,7 @@ from anchorpose.body.rivals import (
     Rival,
     believed,
     follow_rivals,
+    moved_along,
     parts_apart,
     rivals_of,
     with_rivals,
@@ -62,21 +63,35 @@ def test_a_rival_that_became_the_best_pose_is_no_rival():
     assert follow_rivals(BODY, best, (Rival(sure(near), 0.0),), SEEN, 0.1, CONFIG) == (best, ())
 
 
+ARM = tuple(f"Left{bone}" for bone in ("Shoulder", "Arm", "ForeArm", "Hand", "FingerBase", "HandFinger1"))
+
+
+def without_arm(view: View, picture: TrueImage) -> View:
+    """The left arm and all that is around the patient have no reading."""
+    left = hide_bones(*ARM)(view, picture)
+    labels = np.where(left.patient, left.labels, PixelLabel.NO_READING).astype(np.uint8)
+    return View(np.where(left.patient, left.depth_m, np.float32(0.0)), labels)
+
+
+LOW = standing(LeftArm=(45.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
+
+
+def test_a_rival_of_a_walking_patient_is_kept_as_long_as_the_images_do_not_decide():
+    """The left arm is hidden, and the patient has walked 24 cm since the last frame, as at five frames a second."""
+    step_m, walked = np.array([0.0, 0.0, 0.24]), stepped(TRUTH, 0.0, 0.0, 0.24)
+    hidden, behind = seen_body(walked, BODY, change=without_arm), (Rival(sure(LOW), 0.0),)
+    _, left = follow_rivals(BODY, registered(walked), moved_along(behind, step_m), hidden, 0.2, CONFIG)
+    assert len(left) == 1
+    assert abs(left[0].lag) < 3.0
+    assert follow_rivals(BODY, registered(walked), behind, hidden, 0.2, CONFIG)[1] == ()
+
+
 def test_what_a_rival_lost_before_counts_less_with_every_frame():
     """An arm that is hidden decides nothing: only the lag of before is left, and it fades."""
-    arm = tuple(f"Left{bone}" for bone in ("Shoulder", "Arm", "ForeArm", "Hand", "FingerBase", "HandFinger1"))
-    hide = hide_bones(*arm)
-
-    def nothing_else(view: View, picture: TrueImage) -> View:
-        left = hide(view, picture)
-        labels = np.where(left.patient, left.labels, PixelLabel.NO_READING).astype(np.uint8)
-        return View(np.where(left.patient, left.depth_m, np.float32(0.0)), labels)
-
-    hidden = seen_body(TRUTH, BODY, change=nothing_else)
-    low = standing(LeftArm=(45.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
+    hidden = seen_body(TRUTH, BODY, change=without_arm)
     lags = []
     for before in (0.0, 1.0):
-        _, left = follow_rivals(BODY, registered(TRUTH), (Rival(sure(low), before),), hidden, 0.02, CONFIG)
+        _, left = follow_rivals(BODY, registered(TRUTH), (Rival(sure(LOW), before),), hidden, 0.02, CONFIG)
         lags.append(left[0].lag)
     assert lags[1] - lags[0] == pytest.approx(np.exp(-0.02 / MEMORY_S))
 

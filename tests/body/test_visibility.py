@@ -140,6 +140,30 @@ def test_one_camera_that_sees_a_joint_is_enough():
     assert {both[name] for name in ("ElbowRight", "ElbowLeft", "HipRight", "HipLeft")} == {JointState.OBSERVED}
 
 
+def elsewhere(label: int) -> Change:
+    """A change of the picture: what is behind the patient has this label."""
+    return lambda view, picture: View(view.depth_m, np.where(view.patient, PixelLabel.PATIENT, label).astype(np.uint8))
+
+
+ARM_IN_THE_AIR = standing(LeftArm=(80.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("label", [PixelLabel.BACKGROUND, PixelLabel.CLUTTER])
+def test_an_arm_that_a_camera_sees_past_is_lost_whatever_is_behind_it(label):
+    found = states(pose=ARM_IN_THE_AIR, drawn=POSE, change=elsewhere(label))
+    assert {found[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")} == {JointState.LOST}
+
+
+def test_a_camera_whose_view_is_blocked_does_not_save_an_arm_that_another_camera_sees_past():
+    seen = before_wall(photograph(skin_in(POSE, BODY), FRONT), FRONT)
+    picture = before_wall(photograph(skin_in(POSE, BODY), LEFT), LEFT)
+    wall = View(np.full_like(picture.depth_m, 0.5), np.full_like(picture.labels, PixelLabel.OTHER_PERSON))
+    posed = pose_points(BODY, ARM_IN_THE_AIR)
+    for views, cameras in (((seen,), (FRONT,)), ((seen, wall), (FRONT, LEFT))):
+        found = dict(zip(JOINT_NAMES, joint_states(points(), posed, ALL, views, cameras, CONFIG), strict=True))
+        assert {found[name] for name in ("ElbowLeft", "WristLeft", "HandLeft")} == {JointState.LOST}
+
+
 def test_a_camera_without_a_picture_says_nothing():
     picture = photograph(skin_in(POSE, BODY), FRONT)
     posed, view = pose_points(BODY, POSE), before_wall(picture, FRONT)
@@ -205,8 +229,8 @@ def test_what_pixels_say_of_skin_is_what_the_rules_written_out_say():
     wanted[(label == PixelLabel.PATIENT) & before] = SkinReason.SELF
     wanted[(label == PixelLabel.EQUIPMENT) & (before | near)] = SkinReason.EQUIPMENT
     wanted[(label >= PixelLabel.OTHER_PERSON) & (before | near)] = SkinReason.PERSON
-    wanted[(label == PixelLabel.BACKGROUND) & (before | near)] = SkinReason.HOLE
-    wanted[(label == PixelLabel.NO_READING) | (label == PixelLabel.CLUTTER)] = SkinReason.HOLE
+    wanted[((label == PixelLabel.BACKGROUND) | (label == PixelLabel.CLUTTER)) & (before | near)] = SkinReason.HOLE
+    wanted[label == PixelLabel.NO_READING] = SkinReason.HOLE
     wanted[(label == PixelLabel.PATIENT) & near] = SkinReason.SEEN
     column[::9] = row[::9] = -1
     wanted[::9] = SkinReason.OUTSIDE

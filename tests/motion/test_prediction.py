@@ -4,9 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from results_builder import standing_joints
+from scipy.spatial.transform import Rotation
 
 from anchorpose.joints import JOINT_INDEX
-from anchorpose.motion.database import COMPARED, heading_rad, joints_after, pose_vectors, poses_at, read_skeletons
+from anchorpose.motion.database import (
+    COMPARED,
+    SHIPPED,
+    heading_rad,
+    joints_after,
+    pose_vectors,
+    poses_at,
+    read_skeletons,
+)
 from anchorpose.motion.prediction import (
     DAMPING,
     SPANS,
@@ -15,6 +25,7 @@ from anchorpose.motion.prediction import (
     PredictionSource,
     best_sublists,
     joint_database,
+    load_motions,
     predict,
     predict_joints,
     reference_motions,
@@ -277,3 +288,17 @@ def test_on_real_skeletons_of_another_subject_the_database_beats_velocity_and_st
     mean = {name: np.mean(of_name, axis=0) for name, of_name in errors.items()}
     assert (mean["ours"] < mean["velocity"]).all()
     assert (mean["ours"] < mean["standstill"]).all()
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 15.0, 30.0])
+def test_a_person_who_rolls_over_on_the_side_is_predicted_where_the_movement_leads(rate_hz):
+    """The line between the shoulders turns vertical on the way, and its heading jumps by half a turn."""
+    time_s = np.arange(0.0, 4.0, 1.0 / rate_hz)
+    lying = standing_joints() @ Rotation.from_euler("z", 90, degrees=True).as_matrix().T
+    turns = [Rotation.from_rotvec([np.radians(40.0 + 30.0 * at), 0.0, 0.0]).as_matrix() for at in time_s]
+    joints = np.array([lying @ turn.T for turn in turns])
+    config = MotionConfig()
+    motions = load_motions(SHIPPED, rate_hz, config)
+    for last in range(11, len(joints) - 1):
+        found = predict_joints(joints[last - 11 : last + 1], 1, motions, config).joints_m[0]
+        assert np.linalg.norm(found - joints[last + 1], axis=1).mean() < 0.08

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from body_builder import FRONT, adult_body, asset, before_wall, photograph, points, skin_in, standing
+from body_builder import FRONT, adult, adult_body, asset, before_wall, photograph, points, skin_in, standing
 from session_builder import contact
 
 from anchorpose.body.config import VisibilityConfig
@@ -18,10 +18,11 @@ from anchorpose.body.contact_regions import (
     region_of_points,
 )
 from anchorpose.body.hands_on_patient import HAND_M
-from anchorpose.body.skin_points import pose_points
+from anchorpose.body.skin_points import build_body, pose_points
 from anchorpose.errors import InputError
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.view import PixelLabel
+from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.contact_intervals import ContactConfig, ContactIntervals
 from anchorpose.results.contact_scores import evaluate_contacts
 from anchorpose.results.records import Contact, read_contacts, write_contacts
@@ -29,7 +30,7 @@ from anchorpose.results.truth import TrueTouch, read_true_touch
 
 POSE = standing(LeftArm=(-20.0, 0.0, 0.0), RightArm=(20.0, 0.0, 0.0))
 POSED = pose_points(adult_body(), POSE)
-REGION, AREA_M2 = region_of_points(points()), area_of_point(points())
+REGION, AREA_M2 = region_of_points(points()), area_of_point(adult_body())
 FPS = 10.0
 
 
@@ -47,7 +48,7 @@ def memory_at(place_m: np.ndarray, label: int = PixelLabel.OTHER_PERSON, age_s: 
 
 def near_in(memory: BystanderMemory) -> Nearness:
     view = before_wall(photograph(skin_in(POSE, adult_body()), FRONT), FRONT)
-    return find_nearness(POSED, memory, (view,), (FRONT,), VisibilityConfig())
+    return find_nearness(adult_body(), POSED, memory, (view,), (FRONT,), VisibilityConfig())
 
 
 def held(
@@ -61,6 +62,7 @@ def held(
         np.full(count, distance_m, np.float32),
         np.full(count, remembered),
         np.full(len(REGION), shown),
+        AREA_M2,
     )
 
 
@@ -69,7 +71,7 @@ def nothing(shown: bool = True) -> Nearness:
 
 
 def contacts_of(frames: list[Nearness | None], config: ContactConfig | None = None) -> list[Contact]:
-    intervals, found = ContactIntervals(REGION, AREA_M2, config or ContactConfig()), []
+    intervals, found = ContactIntervals(REGION, config or ContactConfig()), []
     for frame, near in enumerate(frames):
         found += intervals.push(frame, frame / FPS, near)
     return found + list(intervals.finish())
@@ -244,3 +246,24 @@ def test_a_truth_without_contacts_says_nothing_and_a_mismatch_is_refused(tmp_pat
     np.savez(tmp_path / "odd.npz", time=np.arange(3.0), touched=np.zeros((2, 1), bool), part_names=["Spine"])
     with pytest.raises(InputError, match="touched"):
         read_true_touch(tmp_path / "odd.npz")
+
+
+@pytest.mark.parametrize(
+    ("missing", "gone"), [("shank_left", ("shank_left", "foot_left")), ("foot_left", ("foot_left",))]
+)
+def test_nobody_touches_a_part_that_the_patient_lacks(missing, gone):
+    """A palm below the stump: all skin of the missing part lies in the joint where it would begin."""
+    body = build_body(points(), replace(adult(), missing=(missing,)))
+    joint = "KneeLeft" if missing == "shank_left" else "AnkleLeft"
+    palm = body.joints(POSE)[JOINT_INDEX[joint]] + [0.0, -0.06, 0.0] + np.mgrid[-4:5, 0:1, -4:5].reshape(3, -1).T * 0.01
+    view = before_wall(photograph(skin_in(POSE, body), FRONT), FRONT)
+    near = find_nearness(body, pose_points(body, POSE), memory_at(palm), (view,), (FRONT,), VisibilityConfig())
+    touched = {REGIONS[number] for number in np.unique(REGION[near.point]).tolist()}
+    assert touched
+    assert not touched & set(gone)
+
+
+def test_a_child_has_less_skin_than_an_adult():
+    """By the square of the stature, as bodies of the same form have it."""
+    adult_m2, child_m2 = (area_of_point(adult_body(height)) for height in (1.75, 1.5))
+    assert child_m2 / adult_m2 == pytest.approx((1.5 / 1.75) ** 2, rel=0.12)

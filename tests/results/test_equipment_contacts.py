@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from body_builder import asset, points
+from body_builder import adult_body, asset, points
 from session_builder import contact, support
 
 from anchorpose.body.contact_regions import REGIONS, Nearness, area_of_point, region_of_points
@@ -23,7 +23,7 @@ from anchorpose.results.records import (
 )
 from anchorpose.results.truth import read_true_support
 
-REGION, AREA_M2 = region_of_points(points()), area_of_point(points())
+REGION, AREA_M2 = region_of_points(points()), area_of_point(adult_body())
 PARTS = ("rail-left", "knee-pad")
 FPS = 10.0
 
@@ -36,6 +36,7 @@ def nobody() -> Nearness:
         none.astype(np.float32),
         none.astype(bool),
         np.ones(len(REGION), bool),
+        AREA_M2,
     )
 
 
@@ -47,7 +48,7 @@ def gap(
 
 
 def contacts_of(frames: list[EquipmentGaps | None], config: ContactConfig | None = None) -> list[Contact]:
-    intervals, found = ContactIntervals(REGION, AREA_M2, config or ContactConfig(), PARTS), []
+    intervals, found = ContactIntervals(REGION, config or ContactConfig(), PARTS), []
     for frame, gaps in enumerate(frames):
         found += intervals.push(frame, frame / FPS, nobody(), gaps)
     return found + list(intervals.finish())
@@ -97,7 +98,7 @@ def test_parts_and_regions_are_counted_apart_and_nothing_is_known_while_the_pati
     columns = (np.concatenate([getattr(each, name) for each in both]) for name in EquipmentGaps.__slots__)
     found = contacts_of([EquipmentGaps(*columns)] * 4)
     assert {(each.part, each.with_) for each in found} == {("hand_left", "rail-left"), ("knee_left", "knee-pad")}
-    intervals, found = ContactIntervals(REGION, AREA_M2, ContactConfig(), PARTS), []
+    intervals, found = ContactIntervals(REGION, ContactConfig(), PARTS), []
     for frame in range(9):
         near = None if frame == 4 else nobody()
         found += intervals.push(frame, frame / FPS, near, None if frame == 4 else gap(0.0))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from body_builder import adult, asset
 
+from anchorpose.body.kinematics import shape_body
 from anchorpose.body.shape_prior import adult_belief, child_belief, shape_of_height, standing_height
 from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.tracker.config import TrackConfig
@@ -86,3 +87,15 @@ def test_of_an_unknown_sex_heights_spread_wider():
 
 def test_below_three_years_it_is_that_of_three():
     assert stature_m(1.0, "male") == stature_m(3.0, "male")
+
+
+@pytest.mark.parametrize("missing", [("foot_left",), ("shank_left",), ("shank_left", "shank_right"), ("leg_left",)])
+@pytest.mark.parametrize("stated", [{"height_m": 1.75}, {"age_years": 60.0, "sex": "male"}])
+def test_a_missing_limb_does_not_change_what_a_statement_says_of_the_rest(missing, stated):
+    """The stated height is that of the whole person; otherwise, the body would be stretched to make up for the leg."""
+    whole, lacking = (
+        known_beliefs(Subject(**({"age_years": 40.0} | stated), missing=gone), CONFIG) for gone in ((), missing)
+    )
+    own, other = (shape_body(asset(), beliefs[0].shape.coefficients) for beliefs in (whole, lacking))
+    np.testing.assert_allclose(other.bone_heads, own.bone_heads, atol=0.01)
+    assert height_m(lacking[0].shape) == pytest.approx(height_m(whole[0].shape), abs=0.005)

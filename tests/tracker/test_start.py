@@ -1,5 +1,6 @@
 """What a first pose must be to be believed."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +18,7 @@ from anchorpose.tracker.bystanders import RoughPerson
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.prior_shape import is_human
-from anchorpose.tracker.start import hangs
+from anchorpose.tracker.start import NoStart, hangs
 
 ASSET = body_points().asset
 
@@ -50,6 +51,38 @@ def raised(by_m: float, turn: np.ndarray) -> tuple[PosedPoints, np.ndarray]:
 @pytest.mark.parametrize(("by_m", "expected"), [(0.0, False), (0.25, False), (0.5, True)])
 def test_nobody_hangs_above_the_floor(by_m, expected):
     assert hangs(*raised(by_m, np.eye(3)), floor_m=0.0) is expected
+
+
+SEATED = {"LeftUpLeg": (0.0, 0.0, 85.0), "RightUpLeg": (0.0, 0.0, 85.0), "LeftLeg": (0.0, 0.0, -85.0)}
+SEATED |= {"RightLeg": (0.0, 0.0, -85.0)}
+
+
+@pytest.mark.parametrize(
+    ("missing", "hidden", "why"),
+    [
+        ((), (), None),
+        ((), ("LeftLeg", "LeftFoot", "LeftToeBase", "RightLeg", "RightFoot", "RightToeBase"), NoStart.HANGS),
+        (("shank_left", "shank_right"), (), None),
+    ],
+    ids=["on a high couch", "only the upper half is seen", "both shanks missing"],
+)
+def test_who_sits_high_is_refused_only_if_the_legs_are_not_seen(missing, hidden, why):
+    shape = replace(adult(), missing=missing)
+    body, pose = build_body(body_points(), shape), standing(**SEATED)
+    lowest_m = pose_points(body, pose).points_m[:, 1].min()
+    seen = replace(seen_body(pose, body, (FRONT, LEFT), hide_bones(*hidden)), floor_m=lowest_m - 0.45)
+    run = SimpleNamespace(room=SimpleNamespace(recording=SimpleNamespace(equipment="a couch")))
+    start = Start(SimpleNamespace(evidence=seen), shape, vague_belief(pose), 1.0)
+    assert start_module._why_not(start, run) is why
+
+
+def test_missing_forearms_and_shanks_are_not_hidden_ones():
+    shape = replace(adult(), missing=("shank_left", "shank_right"))
+    body = build_body(body_points(), shape)
+    start = Start(
+        SimpleNamespace(evidence=seen_body(standing(), body, (FRONT, LEFT))), shape, vague_belief(standing()), 1.0
+    )
+    assert start_module.quality(start) > 0.9
 
 
 def test_who_lies_on_a_bed_does_not_hang():

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,8 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.config import VisibilityConfig
 from anchorpose.body.constraints import Constraints, join, no_constraints, place_constraints
 from anchorpose.body.hands_on_patient import HAND_M, find_hands
-from anchorpose.body.skin_points import PosedPoints, SkinPoints
+from anchorpose.body.kinematics import missing_points
+from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints
 from anchorpose.body.visibility import seen_skin
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import BystanderMemory
@@ -88,12 +89,18 @@ def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, head
     return region
 
 
-@cache
-def area_of_point(points: SkinPoints) -> float:
-    """Return the area (m2) of skin that each of the evenly spread skin points represents on the mean adult."""
-    asset = points.asset
-    a, b, c = (asset.vertices[asset.faces[:, corner]] for corner in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / len(points.vertex))
+@lru_cache(maxsize=2)
+def area_of_point(body: Body) -> float:
+    """Return the area (m2) of skin that each of the evenly spread skin points represents on a body."""
+    vertices, faces = body.mesh.vertices, body.points.asset.faces
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0 / np.count_nonzero(skin_there(body)))
+
+
+@lru_cache(maxsize=2)
+def skin_there(body: Body) -> np.ndarray:
+    """Return (p,) bool: the skin points that are not on missing parts of the body."""
+    return ~missing_points(body.points.asset, body.points.part, body.shape.missing)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +114,11 @@ class Nearness:
     distance_m: np.ndarray  # (n,) float32, from the point to the other person's nearest skin
     remembered: np.ndarray  # (n,) bool, whether the other person's skin was seen shortly before but is hidden now
     shown: np.ndarray  # (p,) bool, whether some camera sees the skin point of the patient
+    area_m2: float  # m2, area of skin that each skin point of the patient represents
 
 
 def find_nearness(
+    body: Body,
     posed: PosedPoints,
     memory: BystanderMemory,
     views: Sequence[View | None],
@@ -118,7 +127,7 @@ def find_nearness(
 ) -> Nearness:
     """Return the pairs of a skin point of the patient and another person near it. Skin of other people counts where
     cameras see it now or saw it shortly before. memory: the skin of all people as last seen. Hands of other people that
-    wrongly have the patient's label (``find_hands``) are included.
+    wrongly have the patient's label (``find_hands``) are included. Missing parts of the patient have no skin.
     """
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     hands_m, whose = find_hands(posed, views, cameras)
@@ -127,7 +136,7 @@ def find_nearness(
     person, point, distance, remembered = [], [], [], []
     for label in np.flatnonzero(np.bincount(owner)).tolist():
         own = np.flatnonzero(_within(points_m, posed.points_m) & (owner == label))
-        skin = np.flatnonzero(_within(posed.points_m, points_m[own]))
+        skin = np.flatnonzero(_within(posed.points_m, points_m[own]) & skin_there(body))
         found, nearest = cKDTree(points_m[own]).query(posed.points_m[skin], distance_upper_bound=HAND_M)
         near = np.isfinite(found)
         person.append(np.full(near.sum(), label, np.uint8))
@@ -140,6 +149,7 @@ def find_nearness(
         np.concatenate([np.zeros(0, np.float32), *distance]),
         np.concatenate([np.zeros(0, bool), *remembered]),
         shown,
+        area_of_point(body),
     )
 
 

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.contact_regions import REGIONS, area_of_point, region_of_points
-from anchorpose.body.skin_points import SkinPoints
+from anchorpose.body.contact_regions import REGIONS, area_of_point, region_of_points, skin_there
+from anchorpose.body.skin_points import Body
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
@@ -74,7 +74,7 @@ class ShownSkin:
 
 
 def find_equipment_gaps(
-    points: SkinPoints,
+    body: Body,
     skin_m: np.ndarray,
     shown: ShownSkin,
     joint_sigma_m: np.ndarray,
@@ -87,8 +87,8 @@ def find_equipment_gaps(
     with a lost joint have no gaps. reach_m: maximum distance between equipment and the skin that counts in ``area_m2``
     and ``shown``.
     """
-    region, sigma_m = region_of_points(points), region_sigma(joint_sigma_m)
-    known = np.flatnonzero(np.isfinite(sigma_m)[region])
+    region, sigma_m = region_of_points(body.points), region_sigma(joint_sigma_m)
+    known = np.flatnonzero(np.isfinite(sigma_m)[region] & skin_there(body))
     low_m, high_m = part_boxes(equipment)
     found = [_of_part(0, np.zeros(0), np.zeros(0, np.int64), np.zeros((3, 0), bool))]
     for part, model in enumerate(equipment.parts):
@@ -99,7 +99,7 @@ def find_equipment_gaps(
             counted = np.stack([reached, reached & shown.faces[near], reached & shown.seen[near]])
             found.append(_of_part(part, distance_m, region[near], counted))
     number, index, gap_m, counts = (np.concatenate(column, axis=-1) for column in zip(*found, strict=True))
-    area_m2, share = area_of_point(points) * counts[0], counts[2] / np.maximum(counts[1], 1)
+    area_m2, share = area_of_point(body) * counts[0], counts[2] / np.maximum(counts[1], 1)
     single = (each.astype(np.float32) for each in (gap_m - SAMPLING_M, sigma_m[index], area_m2, share))
     return EquipmentGaps(number.astype(np.int16), index.astype(np.uint8), *single)
 

@@ -33,11 +33,11 @@ ALIKE_M: Final = 0.05  # m, side of a patch of skin whose readings share one err
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the person's skin
 PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body model is inexact
-# minimum number of observations that show the skin of a part of a limb, for the part to count as seen; one observation
-# is 25 cm2, the area of three fingers
+# minimum number of observations of one camera that show the skin of a part of a limb, for the part to count as seen;
+# one observation is 25 cm2, the area of three fingers
 LEAST_SEEN: Final = 1.0
-# minimum share of the observations of a part of a limb that must show its skin, for the part to count as seen; for
-# example, a strip of thigh does not show the knee
+# minimum share of one camera's observations of a part of a limb that must show its skin, for the part to count as seen;
+# for example, a strip of thigh does not show the knee
 LEAST_SHARE: Final = 0.15
 
 
@@ -54,12 +54,7 @@ class Likelihood:
     explained: np.ndarray  # number of observations that show the skin
     past: np.ndarray  # number of observations that show something behind the skin
     hidden: np.ndarray  # number of observations that show something in front of the skin
-
-    @property
-    def seen(self) -> np.ndarray:
-        """Return (PARTS, 2) bool: parts of limbs that are seen where the pose puts them."""
-        turned = self.explained + self.past + self.hidden
-        return np.asarray((self.explained >= LEAST_SEEN) & (self.explained >= LEAST_SHARE * turned))
+    seen: np.ndarray  # bool, parts of limbs that some camera sees where the pose puts them
 
     @property
     def total(self) -> float:
@@ -71,11 +66,15 @@ class Likelihood:
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Compute the likelihood of all cameras' readings of the person, given a body in a pose."""
     skin_m = pose_points(body, pose).points_m
-    sums = np.zeros((4, 2 * PARTS))
+    sums, seen = np.zeros((4, 2 * PARTS)), np.zeros(2 * PARTS, dtype=bool)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):
         if view is not None:
-            sums += _of_camera(body.points, skin_m, view, camera, evidence.label)
-    return Likelihood(*sums.reshape(4, PARTS, 2))
+            own = _of_camera(body.points, skin_m, view, camera, evidence.label)
+            sums += own
+            # a camera whose view of a part is blocked does not make the part less seen by another camera
+            seen |= (own[1] >= LEAST_SEEN) & (own[1] >= LEAST_SHARE * own[1:].sum(axis=0))
+    log, explained, past, hidden = sums.reshape(4, PARTS, 2)
+    return Likelihood(log, explained, past, hidden, seen.reshape(PARTS, 2))
 
 
 def most_nats(area_m2: float) -> float:

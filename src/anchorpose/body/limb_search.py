@@ -115,19 +115,18 @@ def search_limbs(
     evidence: Evidence,
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
-    rounds: int = ROUNDS,
 ) -> Search:
     """Move limbs to where they are seen, while that makes the pose clearly likelier; return the best registration.
 
     predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
     the expected pose a low weight: the weight after ``UNSEEN_S`` seconds without a view of the patient. anchors: the
-    frame's anchors, None for a first pose. rounds: maximum number of rounds; each round may move one limb.
+    frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
     now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
     pose = now.pose
-    for number in range(rounds):
+    for number in range(ROUNDS):
         # the descriptor's proposals do not depend on the pose in doubt, so they are tried in the first round only
         sources = [source for source in config.sources if number == 0 or source is not Source.DESCRIPTOR]
         proposed = proposals(Doubted(body, pose, evidence, anchors), sources)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.special import log_ndtr
 
-from anchorpose.body.belief import PoseBelief
+from anchorpose.body.belief import PATIENT_PACE, Pace, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
@@ -98,6 +98,16 @@ def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
 
+def moved_along(rivals: Sequence[Rival], step_m: np.ndarray) -> tuple[Rival, ...]:
+    """Return the rivals moved by step_m (3,), by which the patient walks on. Without this step, the rivals of a walking
+    patient would lose to the best pose only because they stay behind.
+    """
+    return tuple(
+        replace(one, belief=replace(one.belief, pose=replace(one.belief.pose, root_m=one.belief.pose.root_m + step_m)))
+        for one in rivals
+    )
+
+
 def follow_rivals(
     body: Body,
     best: Registration,
@@ -105,9 +115,12 @@ def follow_rivals(
     evidence: Evidence,
     elapsed_s: float,
     config: RegistrationConfig,
+    pace: Pace = PATIENT_PACE,
 ) -> tuple[Registration, tuple[Rival, ...]]:
     """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A clearly
     likelier rival replaces the best pose.
+
+    pace: how fast a pose becomes uncertain, as for the best pose.
     """
     if not rivals:
         return best, ()
@@ -116,7 +129,7 @@ def follow_rivals(
     for rival in rivals:
         memory_s, error = (MEMORY_S, LIMB_ERROR) if rival.body is None else (OWN_MEMORY_S, OWN_BODY_ERROR)
         old = math.exp(-elapsed_s / memory_s)
-        own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s)
+        own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s, pace)
         found = register(own, expected, evidence, no_constraints(), config)
         if not found.found:
             continue

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from anchorpose.body.asset import BodyAsset
+from anchorpose.body.kinematics import shape_body
 from anchorpose.body.segments import END_SIGMA, GIRTH_SIGMA, LENGTH_SIGMA, SIDES
 from anchorpose.body.shape_rows import FreeShape
 from anchorpose.body.skin_points import CLOTHES, OFFSETS, PATCHES, FittedShape, even_clothes, skin_points
@@ -231,8 +232,11 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
 
 
 def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
-    """Return the height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients."""
-    vertices = shape.mesh(asset).vertices
+    """Return the height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients.
+
+    Missing parts count as present: a stated height is the height with a prosthesis or before the loss.
+    """
+    vertices = shape_body(asset, shape.coefficients).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0
     top, count = up.argmax(), len(shape.coefficients)
     # people are measured while standing on both feet, so the height is measured from midway between both soles

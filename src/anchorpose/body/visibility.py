@@ -102,10 +102,10 @@ def joint_states(
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A
-    joint is lost if cameras see past most of the skin around it and do not see the patient there.
+    joint is lost if a camera sees past most of the skin around it and no camera sees the patient there.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
-    observed, possible = np.zeros(JOINT_COUNT, dtype=bool), np.zeros(JOINT_COUNT, dtype=bool)
+    observed, possible, refuted = (np.zeros(JOINT_COUNT, dtype=bool) for _ in range(3))
     around = skin_around_joints(points)
     for view, camera in zip(views, cameras, strict=True):
         if view is None:
@@ -122,11 +122,13 @@ def joint_states(
             inside = counts[SkinReason.OUTSIDE] <= MOST_OUTSIDE * len(towards)
             observed[joint] |= inside and counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
+            # a camera whose view of the joint is blocked does not weaken what another camera sees
+            refuted[joint] |= counts[SkinReason.PAST] > counts[SkinReason.SELF : SkinReason.PAST].sum()
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
     # if no camera has an image, a hole counts as the reason
     votes[:, SkinReason.HOLE] += (votes.sum(axis=1) == 0.0) & ~observed
-    misfit = ~possible & (votes[:, SkinReason.PAST] > votes[:, : SkinReason.PAST].sum(axis=1))
+    misfit = ~possible & refuted
     reasons = [_REASONS[vote[: SkinReason.PAST].argmax()] for vote in votes]
     states = [JointState.OBSERVED if seen else why for seen, why in zip(observed, reasons, strict=True)]
     return tuple(JointState.LOST if odd else state for odd, state in zip(misfit, states, strict=True))
@@ -204,7 +206,7 @@ def _read(
             continue
         label, z = labels[row[p], column[p]], np.float64(depth[row[p], column[p]])
         before, near = z < far[p] - reach, abs(z - far[p]) <= reach
-        if label == PixelLabel.NO_READING or label == PixelLabel.CLUTTER:
+        if label == PixelLabel.NO_READING:
             reason[p] = SkinReason.HOLE
         elif label == PixelLabel.PATIENT:
             reason[p] = SkinReason.SEEN if near else (SkinReason.SELF if before else SkinReason.PAST)
@@ -212,7 +214,7 @@ def _read(
             reason[p] = SkinReason.EQUIPMENT
         elif label >= PixelLabel.OTHER_PERSON and (before or near):
             reason[p] = SkinReason.PERSON
-        elif label == PixelLabel.BACKGROUND and z > 0.0 and (before or near):
+        elif (label == PixelLabel.BACKGROUND or label == PixelLabel.CLUTTER) and z > 0.0 and (before or near):
             reason[p] = SkinReason.HOLE
     return reason
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.contact_regions import area_of_point, region_of_points
+from anchorpose.body.contact_regions import region_of_points
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.isolation.other_place import without_other_places
 from anchorpose.live.feed import LiveSet
@@ -158,9 +158,8 @@ class LiveFollower:
         not delayed; the contacts are sent with the next frame.
         """
         if self._contacts is None:
-            points, parts = body_points(), self.run.room.recording.part_names
-            region, area_m2 = region_of_points(points), area_of_point(points)
-            self._contacts = ContactIntervals(region, area_m2, self.run.config.contacts, parts)
+            parts = self.run.room.recording.part_names
+            self._contacts = ContactIntervals(region_of_points(body_points()), self.run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
             pass  # contacts that have ended are not sent, only stored in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)

@@ -69,15 +69,21 @@ class MotionDatabase:
 
 def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
     """Return the pose vectors (t, 67) float64 of successive frames' joints (t, 21, 3), world, metres; NaN stays NaN."""
-    heading = heading_rad(joints_m)
+    heading = _steady(heading_rad(joints_m))
     root = joints_m[:, _ROOT]
     relative = _turned(joints_m - root[:, None], -heading)
     steps = _turned(np.diff(root, axis=0)[:, None], -heading[:-1])[:, 0]
     path = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    turned = heading.copy()
-    known = np.isfinite(heading)
-    turned[known] = np.unwrap(heading[known])
-    return np.concatenate([relative.reshape(len(joints_m), -1), path, turned[:, None]], axis=1)
+    return np.concatenate([relative.reshape(len(joints_m), -1), path, heading[:, None]], axis=1)
+
+
+def _steady(heading_rad: np.ndarray) -> np.ndarray:
+    """Return headings (t,) without jumps. If a person rolls over on the side, the line between the shoulders turns
+    vertical and its heading jumps by half a turn; nobody turns so far from one frame to the next. NaN stays NaN.
+    """
+    steady, known = heading_rad.copy(), np.isfinite(heading_rad)
+    steady[known] = np.unwrap(heading_rad[known], period=np.pi)
+    return steady
 
 
 def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -113,14 +113,11 @@ class ContactIntervals:
     """A collector of contacts. It receives frames in the order of time, yields each contact when it has ended, and
     stores the contacts that continue.
 
-    region (p,): index into ``REGIONS`` of each skin point; area_m2: area of skin that one point represents; equipment:
-    names of the parts to which gaps are measured.
+    region (p,): index into ``REGIONS`` of each skin point; equipment: names of the parts to which gaps are measured.
     """
 
-    def __init__(
-        self, region: np.ndarray, area_m2: float, config: ContactConfig, equipment: Sequence[str] = ()
-    ) -> None:
-        self._region, self._area_m2, self._config, self._equipment = region, area_m2, config, equipment
+    def __init__(self, region: np.ndarray, config: ContactConfig, equipment: Sequence[str] = ()) -> None:
+        self._region, self._config, self._equipment = region, config, equipment
         self._keep_sigmas = float(-ndtri(config.equipment_keep))
         self._open: dict[_Key, _Open] = {}
         self._names: dict[int, str] = {}  # names of people by label; cleared when the patient is lost
@@ -171,7 +168,7 @@ class ContactIntervals:
         keys = near.person[touched].astype(np.int64) * len(REGIONS) + self._region[near.point[touched]]
         for key in np.unique(keys).tolist():
             pairs = touched[keys == key]
-            area_m2 = self._area_m2 * len(pairs)
+            area_m2 = near.area_m2 * len(pairs)
             if area_m2 >= config.keep_m2:
                 seen, gap_m = float(np.mean(~near.remembered[pairs])), float(near.distance_m[pairs].min())
                 touch = _Touch(near.point[pairs], area_m2 >= config.begin_m2, area_m2, seen, gap_m)

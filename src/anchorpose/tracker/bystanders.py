@@ -303,10 +303,10 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    # search for a misplaced limb, since the learnt descriptor may have assigned skin to a wrong limb. One round only:
-    # it brings most of the gain in probability, and later rounds take most of the time
+    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search is not
+    # shortened: after one round, a person who crouches is taken for one who faces the other way
     if found.found and not _is_person(body, found.belief.pose, evidence):
-        found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY, rounds=1).registration
+        found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)
     turned = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     both = [one for one in (found, turned) if one.found]

@@ -131,8 +131,8 @@ def _near(estimate: Estimate, body: Body | None, run: Run) -> Nearness | None:
     if body is None or seen is None or belief is None:
         return None
     with run.stage("contacts"):
-        posed = pose_points(body, belief.pose)
-        return find_nearness(posed, seen.memory, seen.evidence.views, seen.evidence.cameras, run.config.visibility)
+        posed, evidence = pose_points(body, belief.pose), seen.evidence
+        return find_nearness(body, posed, seen.memory, evidence.views, evidence.cameras, run.config.visibility)
 
 
 def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run) -> EquipmentGaps | None:
@@ -143,7 +143,7 @@ def _gaps(estimate: Estimate, body: Body | None, near: Nearness | None, run: Run
     with run.stage("contacts"):
         posed, reach_m = pose_points(body, belief.pose), run.config.contacts.reach_m
         shown = ShownSkin(facing_skin(posed, seen.evidence.views, seen.evidence.cameras), near.shown)
-        return find_equipment_gaps(body.points, posed.points_m, shown, estimate.sigma_m, equipment, reach_m)
+        return find_equipment_gaps(body, posed.points_m, shown, estimate.sigma_m, equipment, reach_m)
 
 
 def body_pose(

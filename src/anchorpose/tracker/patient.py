@@ -22,7 +22,7 @@ from anchorpose.body.inverse_kinematics import (
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, SEGMENT_OF_JOINTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
+from anchorpose.body.rivals import Rival, follow_rivals, moved_along, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
@@ -345,8 +345,9 @@ class PatientTracker:
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
         best, seen = found, self.window[1]
         if found.found:
+            rivals = moved_along(self.rivals, poses[0].root_m - self.belief.pose.root_m)
             best, self.rivals = follow_rivals(
-                self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration
+                self.body, found, rivals, seen.evidence, elapsed_s, self.config.registration, self.pace
             )
             explanation = explained_by(self.body, best, seen)
             # if a rival (another pose that fits almost as well) replaced the best pose, the rival's pose serves as the

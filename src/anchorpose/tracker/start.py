@@ -12,6 +12,7 @@ import numpy as np
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.explanation import explain
 from anchorpose.body.initial import FirstPose, FirstShape, find_first_pose
+from anchorpose.body.kinematics import missing_points
 from anchorpose.body.limb_search import search_limbs
 from anchorpose.body.matched_places import LEAST_MATCHES, MatchedPerson, match_person, matches_of
 from anchorpose.body.pose import LIMB_OF_BONES, TRUNK, Pose
@@ -50,11 +51,13 @@ TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
-HANGS_M = 0.35  # m, maximum height of the feet above the floor; even on a high bed or a treadmill, feet are lower
+# m, maximum height of the feet above the floor if no shank is seen; on a low bed or a treadmill, feet are lower
+HANGS_M = 0.35
 # minimum cosine between trunk and vertical for HANGS_M to be tested; it excludes people who lie, since their feet may
 # be high
 UPRIGHT = 0.7
-_ENDS = ("LeftForeArm", "RightForeArm", "LeftLeg", "RightLeg")
+_SHANKS = ("LeftLeg", "RightLeg")
+_ENDS = ("LeftForeArm", "RightForeArm", *_SHANKS)
 
 
 class NoStart(StrEnum):
@@ -246,7 +249,9 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
     trunk = np.isin(body.points.part, body.points.moving[LIMB_OF_BONES == TRUNK])
     if explanation.covering[trunk].mean() < LEAST_TRUNK:
         return NoStart.LIMBS_ALONE
-    if evidence.floor_m is not None and hangs(posed, body.joints(start.belief.pose), evidence.floor_m):
+    shanks = [explanation.covering[body.points.part == bone].mean() for bone in _there(body, _SHANKS)]
+    legs_unseen = bool(shanks) and max(shanks) < SEEN
+    if evidence.floor_m is not None and legs_unseen and hangs(posed, body.joints(start.belief.pose), evidence.floor_m):
         return NoStart.HANGS
     unplaced = run.room.recording.equipment is None
     if np.nan_to_num(explanation.seen_past[TRUNK]) > MOST_TRUNK_PAST or (unplaced and quality(start) < LEAST_QUALITY):
@@ -256,7 +261,7 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     """Return whether the lowest skin of an upright body is far above the floor, which happens if only a part of the
-    person is seen. joints_m (21, 3).
+    person is seen. People who sit on a high couch also hang, but their shanks are seen. joints_m (21, 3).
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
@@ -274,9 +279,18 @@ def quality(start: Start) -> float:
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose
     covering = explain(points, pose_points(body, pose), start.observation.evidence).covering
-    shares = [covering[points.part == points.asset.bone(bone)].mean() for bone in _ENDS]
+    shares = [covering[points.part == bone].mean() for bone in _there(body, _ENDS)]
     usual = min(1.0, USUAL / max(rarity(body, pose), 1e-9))
-    return start.explained * usual * float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0)))
+    shown = float(np.mean(np.minimum(np.array(shares) / SEEN, 1.0))) if shares else 1.0
+    return start.explained * usual * shown
+
+
+def _there(body: Body, names: Sequence[str]) -> list[int]:
+    """Return the bones of these names that the body has."""
+    asset = body.points.asset
+    bones = [asset.bone(name) for name in names]
+    gone = missing_points(asset, np.array(bones), body.shape.missing)
+    return [bone for bone, missing in zip(bones, gone.tolist(), strict=True) if not missing]
 
 
 def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
