@@ -29,6 +29,13 @@ the limit of what counts as a change (``allowance``).
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
 
+SCATTERING: Final = (*_SWAY, "sway_velocity", "sway_rms_ap", "sway_rms_ml", "sway_ellipse_area")
+"""Measures that scatter from minute to minute far more than errors of measurement do: the ellipse of an unchanged
+patient by a third. A change between two sessions is tested only by the minimal detectable change of repeated sessions.
+"""
+
+SCATTERS: Final = "sway scatters from minute to minute, and no repeated sessions are given (--reliability)"
+
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the patient's best attempt
 
 _AVERAGED: Final = ("hands_on_at_once_mean",)  # unit: a count, but a mean does not grow with time

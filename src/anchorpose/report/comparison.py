@@ -22,7 +22,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.report.comparable import allowance, differences, require_comparable, unlike_time
+from anchorpose.report.comparable import SCATTERING, SCATTERS, allowance, differences, require_comparable, unlike_time
 from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import (
     grouped_measures,
@@ -224,6 +224,8 @@ def _change(
     if change is None:
         return UNKNOWN.format("not comparable")
     unlike = unlike_time(later, firsts, laters)
+    if limit is None and later.measure in SCATTERING:
+        unlike = unlike or SCATTERS
     if unlike is not None:
         change = Change(change.difference, None)
     verdicts = REPEATED_VERDICTS if change.repeated else VERDICTS
