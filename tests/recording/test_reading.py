@@ -56,6 +56,7 @@ def test_a_frame_rate_stands_in_for_missing_timestamps_and_keeps_dropped_frames_
     recording = open_recording(folder)
     np.testing.assert_allclose(recording.streams[0].time_s, [0.0, 0.05, 0.15])
     assert [frame.frame for frame in read_frames(recording)] == [0, 1, 3]
+    assert [frame.position for frame in read_frames(recording)] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("absent", ["equipment", "subject", "camera_to_world"])

@@ -15,10 +15,11 @@ from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import pose_points
 from anchorpose.geodesics.anchors import no_anchors
 from anchorpose.joints import ANCHOR_NAMES
+from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker import limb_watch
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.limb_watch import LONGEST_PAUSE, MISNAMED, SEARCH_PAUSE, LimbWatch, is_doubtful
-from anchorpose.tracker.observation import DESCRIBED_EVERY
+from anchorpose.tracker.observation import DESCRIBED_EVERY, is_described
 
 BODY = adult_body()
 POSE = standing()
@@ -38,7 +39,7 @@ def seen(places_m: np.ndarray = TIPS, frame: int = 0) -> SimpleNamespace:
         evidence=SimpleNamespace(views=()),
         seen_anchors=None,
         surface=range(1000),
-        frame_set=SimpleNamespace(frame=frame),
+        frame_set=SimpleNamespace(frame=frame, position=frame),
     )
 
 
@@ -128,3 +129,9 @@ def test_a_limb_that_the_descriptor_names_otherwise_is_searched_for_and_asked_ab
     blind = TrackConfig(registration=RegistrationConfig(sources=(Source.SURFACE, Source.ANCHORS)))
     watch_frames(monkeypatch, [0.0], blind)
     assert searches == [0.0]
+
+
+@pytest.mark.parametrize("numbers", [range(40), range(1, 80, 2), range(3, 240, 6)])
+def test_every_eighth_frame_is_described_however_the_images_are_numbered(numbers):
+    sets = [FrameSet(frame=n, time_s=0.1 * k, depths_m=(None,), position=k) for k, n in enumerate(numbers)]
+    assert [one.position for one in sets if is_described(one)] == [0, 8, 16, 24, 32]

@@ -139,6 +139,7 @@ def _read_set(recording: Recording, pair: np.ndarray, position: int) -> FrameSet
         depths_m=tuple(depths),
         taken_s=tuple(taken),
         problems=tuple(problems),
+        position=position,
     )
 
 

@@ -189,6 +189,8 @@ class FrameSet:
     depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = no image
     taken_s: tuple[float | None, ...] = ()  # one per camera: time of its depth image on the reference clock
     problems: tuple[str, ...] = ()  # one sentence for each depth image that exists and cannot be used
+    # position in the first camera's stream; None for live cameras, whose images are numbered one by one
+    position: int | None = None
 
 
 def depths_of(frames: Iterable[FrameSet], camera: int) -> list[np.ndarray]:

@@ -98,7 +98,7 @@ def _misnamed(body: Body, found: Registration, seen: Observation, sources: Seque
     """Return whether the descriptor assigns a limb's skin to another limb than the pose does; False in frames that the
     descriptor does not check (``is_described``).
     """
-    if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set.frame):
+    if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set):
         return False
     return bool(named_nats(body, found.belief.pose, seen.evidence).sum(axis=1).min() < MISNAMED)
 

@@ -29,12 +29,13 @@ LEAST_TRUSTED = 4
 DESCRIBED_EVERY: Final = 8
 
 
-def is_described(frame: int) -> bool:
-    """Return whether the learnt descriptor checks this frame; only the frame's number decides. A check has two parts:
-    it compares the limbs to which descriptor and pose assign skin, and it searches the patient's pixels for several
-    people.
+def is_described(frame_set: FrameSet) -> bool:
+    """Return whether the learnt descriptor checks this frame; only its position in the recording decides, since numbers
+    of images may leave out every multiple of ``DESCRIBED_EVERY``. A check has two parts: it compares the limbs to which
+    descriptor and pose assign skin, and it searches the patient's pixels for several people.
     """
-    return frame % DESCRIBED_EVERY == 0
+    place = frame_set.frame if frame_set.position is None else frame_set.position
+    return place % DESCRIBED_EVERY == 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

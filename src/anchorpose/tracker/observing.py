@@ -103,7 +103,7 @@ def isolate(frame_set: FrameSet, expected: Expectation, before: Observation, run
     expected = expected.moved(step) if step.any() else expected
     others = bystanders_placed(before.bystanders, memory, pieces, run.room.cameras, elapsed_s)
     apart = _not_in(others, expected.skin.points_m.mean(axis=0))
-    views = _separated(pieces, expected, memory, apart, frame_set.frame, elapsed_s, run)
+    views = _separated(pieces, expected, memory, apart, is_described(frame_set), elapsed_s, run)
     bystanders = see_bystanders(others, views, elapsed_s, run)
     return _isolated(pieces, views, memory, bystanders, elapsed_s, run), step
 
@@ -160,18 +160,20 @@ def _separated(
     expected: Expectation,
     memory: BystanderMemory,
     bystanders: Bystanders,
-    frame: int,
+    due: bool,
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Label the pixels of all people; elapsed_s: time since the frame in which the bystanders' bodies were fitted."""
+    """Label the pixels of all people; due: as in ``one_patient``; elapsed_s: time since the frame in which the
+    bystanders' bodies were fitted.
+    """
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
         mine, hidden = patient_likelihood(expected, elapsed_s)
         views = separate(pieces, memory, join_likelihoods([others, mine]), elapsed_s, run.room.cameras)
         views = label_hidden_limbs(pieces, views, hidden)
         place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], first_free(memory, elapsed_s)
-        return one_patient(pieces, views, run.room.cameras, mine.points_m, place_xz_m, free, is_described(frame))
+        return one_patient(pieces, views, run.room.cameras, mine.points_m, place_xz_m, free, due)
 
 
 def see_bystanders(before: Bystanders, views: Sequence[View | None], elapsed_s: float, run: Run) -> Bystanders:
