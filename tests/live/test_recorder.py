@@ -156,6 +156,18 @@ def test_images_of_a_clock_that_was_set_back_are_reported(tmp_path, back_s, numb
     assert intake.failed[0].startswith(told)
 
 
+def test_a_camera_that_restarts_writes_over_no_image(tmp_path):
+    """As a RealSense whose cable was loose: its numbers begin again."""
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    for place, number in enumerate((3, 4, 6, 1, 2, 5)):
+        recorder.put(replace(image(place), number=number))
+    recording = open_recording(recorder.finish())
+    assert recording.streams[0].frame.tolist() == [3, 4, 6, 7, 8, 11]
+    grey = [round(1000 * float(read_frame(recording, place).depths_m[0].max())) for place in range(6)]
+    assert grey == [1000, 1001, 1002, 1003, 1004, 1005]
+    assert recording.notes == ("camera left restarted before image 7: check its cable",)
+
+
 def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):
     write = module.CameraWriter.write
 

@@ -22,6 +22,7 @@ from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
 from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
+from anchorpose.recording.recording import LEFT_OUT
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import check_place, new_folder
@@ -55,7 +56,7 @@ class Recorder:
         self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
         self._began_s: float | None = None  # when the first camera's first image was taken; None until known
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
-        self._marking = Lock()
+        self._marking, self._describing = Lock(), Lock()
         self._write_document()
         self.images, self.finished = 0, False  # number of images written; whether ``finish`` has succeeded
         self._unsynced: list[Path] = []
@@ -75,7 +76,7 @@ class Recorder:
             self._first_s.setdefault(image.camera, image.taken_s)
             if image.camera == 0 and self._began_s is None:
                 self._begin(image.taken_s)
-            path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
+            path = self._write(image)
         if path is None:
             return "their times are not later than those of the images before"
         self.images += 1
@@ -83,6 +84,22 @@ class Recorder:
         if self.images % ROOM_EVERY == 0:
             self._require_free()
         return None
+
+    def _write(self, image: LiveImage) -> Path | None:
+        """Write an image as ``CameraWriter`` does; if its camera restarted, also write a note."""
+        writer = self._writers[image.camera]
+        restarts = writer.restarts
+        path = writer.write(image.time_s, image.grey, image.number)
+        if writer.restarts > restarts:
+            number = writer.given - 1
+            self._note(f"camera {writer.folder.name} restarted before image {number}: check its cable")
+        return path
+
+    def _note(self, sentence: str) -> None:
+        """Add a note to the document of the recording."""
+        with self._describing:
+            self._document["notes"] = [*self._document.get("notes", []), sentence]
+            self._write_document()
 
     def mark(self, text: str, at_s: float) -> None:
         """Write a marker that was sent at ``at_s``, by ``time.monotonic``. A marker that comes before the first image
@@ -94,8 +111,9 @@ class Recorder:
 
     def _begin(self, taken_s: float) -> None:
         """Note when the first camera's first image was taken, and write the markers that waited for it."""
-        self._document["start"] = start_of(taken_s)
-        self._write_document()
+        with self._describing:
+            self._document["start"] = start_of(taken_s)
+            self._write_document()
         with self._marking:
             self._began_s = taken_s
             self._write_markers()
@@ -213,7 +231,7 @@ def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
     if not gone:
         return
     found["cameras"] = [camera for camera in found["cameras"] if camera["name"] in kept]
-    notes = [f"camera {name} was left out: it gave no depth image" for name in gone]
+    notes = [f"camera {name} {LEFT_OUT}it gave no depth image" for name in gone]
     found["notes"] = [*found.get("notes", []), *notes]
     write_text_whole(document, json.dumps(found, indent=1) + "\n")
 
