@@ -174,6 +174,47 @@ def test_a_realsense_is_read_through_its_own_library(tmp_path):
     assert np.all(np.diff([image.time_s for image in images]) > 0.03)
 
 
+class Unplugged:
+    """The pipeline of librealsense when a camera is pulled out and does not come back."""
+
+    started = True
+
+    def try_wait_for_frames(self, wait_ms):
+        if not self.started:
+            raise RuntimeError("try_wait_for_frames cannot be called before start()")
+        self.started = False
+        return False, None
+
+    def stop(self):
+        if not self.started:
+            raise RuntimeError("stop() cannot be called before start()")
+
+
+class Broken:
+    """A pipeline that fails in a way that no camera's library documents."""
+
+    def try_wait_for_frames(self, wait_ms):
+        raise TypeError("no such stream")
+
+    def stop(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "told"), [(Unplugged(), "check its cable"), (Broken(), "TypeError: no such stream")]
+)
+def test_a_realsense_that_fails_is_a_failure_with_its_reason(pipeline, told):
+    intake = Intake([cameras.RealSense("realsense-1", (), None, pipeline)])
+    intake.start()
+    until_s = time.monotonic() + 10.0
+    while intake.running and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not intake.running
+    (sentence,) = intake.failed
+    assert sentence.startswith("realsense-1: ")
+    assert told in sentence
+
+
 def test_no_camera_and_no_package_of_its_maker_are_one_sentence():
     pytest.importorskip("pyrealsense2", exc_type=ImportError)
     from anchorpose.live.cameras import open_realsense

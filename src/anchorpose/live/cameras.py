@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -61,7 +62,8 @@ class RealSense:
         except RuntimeError as error:
             raise AnchorposeError(f"the camera no longer answers ({error}); check its cable") from None
         finally:
-            self.pipeline.stop()
+            with suppress(RuntimeError):  # librealsense has stopped already if the camera was unplugged
+                self.pipeline.stop()
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:

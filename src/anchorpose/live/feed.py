@@ -126,6 +126,8 @@ class Intake:
                 self._hand_on(replace(image, camera=first + image.camera))
         except (AnchorposeError, OSError) as error:
             self.failures.append(f"{source.name}: {error}")
+        except Exception as error:  # the library of a camera may raise any error
+            self.failures.append(f"{source.name}: it cannot be read on ({type(error).__name__}: {error}); begin again.")
         finally:
             with self._counting:
                 self._left -= 1
