@@ -107,6 +107,10 @@ class Intake:
         """Stop passing images to ``taker``; an image that is already being passed on may still arrive."""
         self._takers = tuple(one for one in self._takers if one != taker)
 
+    def has(self, taker: Taker) -> bool:
+        """Return whether ``taker`` still gets images."""
+        return taker in self._takers
+
     @property
     def running(self) -> bool:
         """Return whether any source still delivers images."""
