@@ -36,6 +36,7 @@ EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 SYNC_S: Final = 1.0  # s, maximum time between writes to the disk, and so the time that a power cut can erase
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
+CLOCK_STEP_S: Final = 0.1  # s, minimum change between two images that counts as a set clock; images come 0.03 s apart
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
@@ -53,8 +54,11 @@ class Recorder:
         if about is not None:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
-        self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
-        self._began_s: float | None = None  # when the first camera's first image was taken; None until known
+        self._first_s: dict[int, tuple[float, float]] = {}  # time_s and taken_s of each camera's first image
+        self._offset_s: dict[int, float] = {}  # time_s minus taken_s of each camera's newest image
+        self._step_s: dict[int, float] = {}  # largest step of each camera's clock that a note states
+        # the camera whose first image begins the recording, and the time of this image; None until known
+        self._began: tuple[int, float] | None = None
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
         self._marking, self._describing = Lock(), Lock()
         self._write_document()
@@ -73,10 +77,11 @@ class Recorder:
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return None
-            self._first_s.setdefault(image.camera, image.taken_s)
-            if image.camera == 0 and self._began_s is None:
-                self._begin(image.taken_s)
-            path = self._write(image)
+            self._first_s.setdefault(image.camera, (image.time_s, image.taken_s))
+            step_s = self._follow_clock(image)
+            if image.camera == 0 and self._began is None:
+                self._begin(0)
+            path = self._write(image, step_s)
         if path is None:
             return "their times are not later than those of the images before"
         self.images += 1
@@ -85,14 +90,26 @@ class Recorder:
             self._require_free()
         return None
 
-    def _write(self, image: LiveImage) -> Path | None:
-        """Write an image as ``CameraWriter`` does; if its camera restarted, also write a note."""
+    def _follow_clock(self, image: LiveImage) -> float:
+        """Note the offset between a camera's clock and ``time.monotonic``; return the change since the image before."""
+        offset_s = image.time_s - image.taken_s
+        step_s = offset_s - self._offset_s.get(image.camera, offset_s)
+        self._offset_s[image.camera] = offset_s
+        return step_s
+
+    def _write(self, image: LiveImage, step_s: float) -> Path | None:
+        """Write an image as ``CameraWriter`` does; if its camera restarted, or if the camera's clock was set by
+        ``step_s``, also write a note. Of several steps, only those that are larger than all before are noted.
+        """
         writer = self._writers[image.camera]
         restarts = writer.restarts
         path = writer.write(image.time_s, image.grey, image.number)
+        which = f"camera {writer.folder.name}"
         if writer.restarts > restarts:
-            number = writer.given - 1
-            self._note(f"camera {writer.folder.name} restarted before image {number}: check its cable")
+            self._note(f"{which} restarted before image {writer.given - 1}: check its cable")
+        if abs(step_s) > self._step_s.get(image.camera, CLOCK_STEP_S):
+            self._step_s[image.camera] = abs(step_s)
+            self._note(f"{which}: its clock was set by {step_s:+.1f} s before image {writer.given - 1}")
         return path
 
     def _note(self, sentence: str) -> None:
@@ -109,20 +126,26 @@ class Recorder:
             self._waiting.append((plain_text(text), at_s))
             self._write_markers()
 
-    def _begin(self, taken_s: float) -> None:
-        """Note when the first camera's first image was taken, and write the markers that waited for it."""
+    def _begin(self, camera: int) -> None:
+        """Note when the first image of the recording's first camera was taken, and write the markers that waited."""
+        time_s, taken_s = self._first_s[camera]
         with self._describing:
             self._document["start"] = start_of(taken_s)
             self._write_document()
         with self._marking:
-            self._began_s = taken_s
+            self._began = camera, time_s
             self._write_markers()
 
     def _write_markers(self) -> None:
-        if self._began_s is None or not self._waiting:
+        """Write the markers that wait, at their times on the clock of the first camera. The clock is read from the
+        camera's newest image, since it may be the computer's clock, which may be set during the recording.
+        """
+        if self._began is None or not self._waiting:
             return
         path = self.folder / MARKERS_FILE
-        rows = "".join(f"{at_s - self._began_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
+        camera, first_s = self._began
+        shift_s = self._offset_s[camera] - first_s
+        rows = "".join(f"{at_s + shift_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
         self._waiting = []
         begun = path.exists()
         with path.open("a", encoding="utf-8", newline="\n") as file:
@@ -140,8 +163,8 @@ class Recorder:
         if self.finished:
             return self.folder
         self.abandon()
-        if self._began_s is None and self._first_s:  # the first camera gave no image
-            self._begin(self._first_s[min(self._first_s)])
+        if self._began is None and self._first_s:  # the first camera gave no image
+            self._begin(min(self._first_s))
         self._sync()
         finish_recording(self.folder)
         self.finished = True
