@@ -23,7 +23,7 @@ from anchorpose.recording.depth_image import decode_grey_png
 from anchorpose.recording.document import validate
 from anchorpose.recording.recording_file import MOST_REPEATED, RecordingDocument, camera_document, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read_whole
-from anchorpose.sources.source import Source, SourceCamera
+from anchorpose.sources.source import Source, SourceCamera, require_counted
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 """Number of clockwise quarter turns of the image, by degrees."""
@@ -84,6 +84,8 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
     lens, pose = _lens(found, options), found.T_world_camera
     if scale is None or lens is None or (not found.has_times and options.fps is None):
         raise _incomplete(source, found, options)
+    if not found.has_times:
+        require_counted(source.path, found.number_step)
     if not can_turn(lens, options.rotate):
         remedy = "give --rotate 180 or leave it out, and turn the camera"
         raise InputError(source.path, "has a lens with a tilted sensor, which a quarter turn cannot keep", remedy)
