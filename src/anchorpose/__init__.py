@@ -5,6 +5,8 @@ A program can call ``track`` on a recording, ``open`` its results, or pass singl
 the types for type checkers.
 """
 
+import os
+import sys
 from importlib import import_module
 from typing import Any, Final
 
@@ -43,6 +45,47 @@ __all__ = [
     "open",
     "track",
 ]
+
+
+def _is_writable(folder: str) -> bool:
+    """Return whether files can be written in a folder, or a missing folder be made."""
+    folder = os.path.abspath(folder)
+    while not os.path.exists(folder) and folder != os.path.dirname(folder):
+        folder = os.path.dirname(folder)
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _choose_kernel_cache() -> None:
+    """Name a folder for numba's compiled kernels in NUMBA_CACHE_DIR if this variable is not set and numba can write
+    neither beside the modules nor in the user's cache folder, as in a container: no kernel could be imported then.
+    """
+    user_cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    if os.environ.get("NUMBA_CACHE_DIR") or _is_writable(os.path.dirname(__file__)) or _is_writable(user_cache):
+        return
+    try:
+        os.environ["NUMBA_CACHE_DIR"] = _make_kernel_cache()
+    except OSError:  # no folder at all can be written; numba reports it if a kernel is imported
+        return
+
+
+def _make_kernel_cache() -> str:
+    """Make a folder among the temporary files that only this user can write to, since loading a kernel runs its code;
+    return its path, which stays the same from run to run unless another user has taken it.
+    """
+    import tempfile
+
+    user = os.getuid() if sys.platform != "win32" else 0  # temporary files are the user's own on Windows
+    folder = os.path.join(tempfile.gettempdir(), f"anchorpose-kernels-{user}")
+    try:
+        os.mkdir(folder, 0o700)
+    except FileExistsError:
+        found = os.lstat(folder)
+        if sys.platform != "win32" and (found.st_mode, found.st_uid) != (0o040700, user):
+            return tempfile.mkdtemp(prefix="anchorpose-kernels-")
+    return folder
+
+
+_choose_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:

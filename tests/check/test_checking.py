@@ -12,7 +12,7 @@ from recording_builder import edit_json, write_picture, write_recording
 from anchorpose.camera import Camera
 from anchorpose.check import material
 from anchorpose.check.material import Finding, Level, OfCamera, SeenPatient, level_of, of_cameras
-from anchorpose.check.recording_check import _borders, check_recording
+from anchorpose.check.recording_check import _borders, _noted, check_recording
 from anchorpose.cli import main
 from anchorpose.isolation.people import Person
 from anchorpose.isolation.view import PixelLabel, View
@@ -219,6 +219,14 @@ def test_feet_are_out_of_view_where_the_floor_below_the_patient_is(distance_m, b
     view = View(np.full((240, 320), distance_m, np.float32), labels)
     seen = SeenPatient(Person(np.zeros(2), 1.0, 1.7, 0.2), (view,), np.zeros(1))
     assert _borders(seen, 0, camera, floor_m=0.0) == (False, below, False, False)
+
+
+def test_notes_are_reported_and_only_a_camera_that_was_left_out_is_red():
+    left_out, other = "camera left was left out: it gave no depth image", "camera right restarted before image 7"
+    found = {finding.check: finding for finding in _noted((other, left_out))}
+    assert (found["cameras left out"].level, found["cameras left out"].measured) == (Level.RED, left_out)
+    assert (found["notes"].level, found["notes"].measured) == (Level.YELLOW, other)
+    assert _noted(()) == []
 
 
 def test_levels_by_limits_and_what_is_not_known():

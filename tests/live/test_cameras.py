@@ -2,6 +2,7 @@
 
 import sys
 import time
+from pathlib import Path
 from threading import Event
 
 import numpy as np
@@ -80,6 +81,67 @@ def test_an_orbbec_process_that_ends_or_hangs_inside_an_image_is_a_failure_with_
     assert source.process.wait(5.0) is not None
 
 
+LIBRARY = """
+import os
+os.write(1, b"load extensions from /somewhere\\n")
+
+class OBError(Exception):
+    pass
+
+class OBSensorType:
+    DEPTH_SENSOR = 0
+
+class Config:
+    def enable_stream(self, profile): pass
+
+class Any:
+    # a device, a list of devices, a profile, a lens or an image
+    fx = fy = 5.0
+    cx, cy = 2.0, 1.5
+    k1 = k2 = k3 = k4 = k5 = k6 = p1 = p2 = 0.0
+    given = {"get_count": 1, "get_width": 4, "get_height": 3, "get_name": "Stand-in", "get_serial_number": "A1",
+             "get_index": 7, "get_timestamp_us": 1000000, "get_system_timestamp_us": 1000000, "get_depth_scale": 1.0,
+             "get_data": bytes(range(24))}
+
+    def __getattr__(self, name):
+        return lambda *asked: self.given.get(name, self)
+
+class Context(Any): pass
+
+class Pipeline(Any):
+    left = 3
+
+    def __init__(self, device): pass
+
+    def wait_for_frames(self, wait_ms):
+        os.write(1, b"[error] an image was lost\\n")
+        self.left -= 1
+        return Any() if self.left >= 0 else None
+
+    def stop(self):
+        os.write(1, b"the stream was stopped\\n")
+"""
+
+
+def test_what_the_library_of_orbbec_prints_does_not_get_between_the_images(tmp_path):
+    """As version 2.1.2 does, from its import on."""
+    (tmp_path / "pyorbbecsdk.py").write_text(LIBRARY)
+    script = Path(orbbec_process.__file__).read_text().replace("STALL_S = 5.0", "STALL_S = 0.2")
+    (tmp_path / "process.py").write_text(script)
+    source = open_orbbec("", None, (sys.executable, str(tmp_path / "process.py")))
+    images = []
+    with pytest.raises(AnchorposeError, match="no image came for 0 s; check the camera's cable"):
+        images.extend(source.images(Event()))
+    assert [image.number for image in images] == [7, 7, 7]
+    assert all(image.grey.tobytes() == bytes(range(24)) for image in images)
+
+
+@pytest.mark.parametrize("first", ["load extensions", "7", ""])
+def test_a_process_that_does_not_begin_with_the_lens_is_one_sentence_and_is_ended(first):
+    with pytest.raises(AnchorposeError, match=f"began with {first!r} instead.*; name a Python"):
+        open_orbbec("", None, (sys.executable, "-c", f"print({first!r}, flush=True); import time; time.sleep(60.0)"))
+
+
 def test_an_orbbec_process_that_hangs_is_ended_at_once_when_reading_stops():
     source, began_s = orbbec(STALLED), time.monotonic()
     intake = Intake([source])
@@ -110,6 +172,47 @@ def test_a_realsense_is_read_through_its_own_library(tmp_path):
             stop.set()
     assert [int(image.grey.mean()) for image in images] == [999 + image.number for image in images]
     assert np.all(np.diff([image.time_s for image in images]) > 0.03)
+
+
+class Unplugged:
+    """The pipeline of librealsense when a camera is pulled out and does not come back."""
+
+    started = True
+
+    def try_wait_for_frames(self, wait_ms):
+        if not self.started:
+            raise RuntimeError("try_wait_for_frames cannot be called before start()")
+        self.started = False
+        return False, None
+
+    def stop(self):
+        if not self.started:
+            raise RuntimeError("stop() cannot be called before start()")
+
+
+class Broken:
+    """A pipeline that fails in a way that no camera's library documents."""
+
+    def try_wait_for_frames(self, wait_ms):
+        raise TypeError("no such stream")
+
+    def stop(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "told"), [(Unplugged(), "check its cable"), (Broken(), "TypeError: no such stream")]
+)
+def test_a_realsense_that_fails_is_a_failure_with_its_reason(pipeline, told):
+    intake = Intake([cameras.RealSense("realsense-1", (), None, pipeline)])
+    intake.start()
+    until_s = time.monotonic() + 10.0
+    while intake.running and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not intake.running
+    (sentence,) = intake.failed
+    assert sentence.startswith("realsense-1: ")
+    assert told in sentence
 
 
 def test_no_camera_and_no_package_of_its_maker_are_one_sentence():

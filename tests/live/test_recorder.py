@@ -19,6 +19,7 @@ from anchorpose.live import recorder as module
 from anchorpose.live.feed import Intake, LiveImage
 from anchorpose.live.markers import MARKERS_FILE
 from anchorpose.live.recorder import UNFINISHED_FILE, Recorder, finish_recording
+from anchorpose.recording.events import EVENTS_FILE, read_trials, recorded_span
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.sources.plan import CameraPlan
 
@@ -154,6 +155,35 @@ def test_images_of_a_clock_that_was_set_back_are_reported(tmp_path, back_s, numb
     assert open_recording(recorder.finish()).streams[0].frame.tolist() == numbers
     assert len(intake.failed) == 1
     assert intake.failed[0].startswith(told)
+
+
+def test_a_camera_that_restarts_writes_over_no_image(tmp_path):
+    """As a RealSense whose cable was loose: its numbers begin again."""
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    for place, number in enumerate((3, 4, 6, 1, 2, 5)):
+        recorder.put(replace(image(place), number=number))
+    recording = open_recording(recorder.finish())
+    assert recording.streams[0].frame.tolist() == [3, 4, 6, 7, 8, 11]
+    grey = [round(1000 * float(read_frame(recording, place).depths_m[0].max())) for place in range(6)]
+    assert grey == [1000, 1001, 1002, 1003, 1004, 1005]
+    assert recording.notes == ("camera left restarted before image 7: check its cable",)
+
+
+@pytest.mark.parametrize("step_s", [4.0, 0.0])
+def test_a_trial_covers_the_same_images_if_the_clock_is_set_during_the_recording(tmp_path, step_s):
+    """As the computer's clock, which times a RealSense's images, when a time server is found after 2 s."""
+    recorder, began_s = Recorder(tmp_path / "out", [CAMERA]), time.monotonic()
+    for number in range(60):
+        stamp_s = 5.0 + number / 10.0 + step_s * (number >= 20)
+        recorder.put(replace(image(number), time_s=stamp_s, taken_s=began_s + number / 10.0))
+        if number in (30, 40):
+            recorder.mark("begin a" if number == 30 else "end", began_s + number / 10.0)
+    recording = open_recording(recorder.finish())
+    time_s = recording.streams[0].time_s
+    (trial,) = read_trials(tmp_path / "out" / EVENTS_FILE, recorded_span(time_s)).rows
+    inside = recording.streams[0].frame[(time_s > trial.start_s - 0.01) & (time_s < trial.end_s - 0.01)]
+    assert inside.tolist() == list(range(30, 40))
+    assert recording.notes == (("camera left: its clock was set by +4.0 s before image 20",) if step_s else ())
 
 
 def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):

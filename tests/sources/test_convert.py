@@ -1,8 +1,11 @@
 """Conversion as a whole: stopped and gone on with, refused, turned, several inputs, and verbs that are given a file."""
 
+import errno
+import os
 import random
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -16,8 +19,10 @@ from anchorpose.cli import main
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.lens import Intrinsics, LensModel, lens_array, project
 from anchorpose.options import ConvertOptions, parse_intrinsics
+from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
-from anchorpose.sources.convert import convert, look_at, make_recording
+from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.sources.convert import convert, look_at, make_recording, read_conversion
 from anchorpose.sources.plan import can_turn, folder_name, make_plan, turn_image, turn_lens, turn_pose
 from anchorpose.sources.source import SourceCamera, SourceFrame
 
@@ -108,6 +113,84 @@ def test_a_stopped_conversion_of_a_recorder_s_file_goes_on_to_the_same_bytes(tmp
             convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), stop_after(stop))
     assert run(tmp_path / "in", tmp_path / "out").notes == whole.notes
     assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
+class Unplugged:
+    """A disk that a conversion is read from, and that is unplugged once ``progress`` has counted three images."""
+
+    gone = False
+
+    def __init__(self, monkeypatch):
+        from anchorpose.sources import azure_kinect, bag_file
+
+        opened, bags = azure_kinect.open_regular, bag_file._RosbagsFile._read
+        rows = bag_file.Ros2Database._read
+        monkeypatch.setattr(azure_kinect, "open_regular", lambda path: UnpluggedFile(opened(path), self))
+        monkeypatch.setattr(bag_file._RosbagsFile, "_read", lambda bag, topics: self.until_gone(bags(bag, topics)))
+        monkeypatch.setattr(bag_file.Ros2Database, "_read", lambda bag, topics: self.of_sqlite(rows(bag, topics)))
+
+    def progress(self, done, total):
+        self.gone |= done >= 3
+
+    def require(self):
+        if self.gone:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def until_gone(self, messages):
+        for message in messages:
+            self.require()
+            yield message
+
+    def of_sqlite(self, rows):
+        try:
+            yield from self.until_gone(rows)
+        except OSError:
+            error = sqlite3.OperationalError("disk I/O error")
+            error.sqlite_errorcode = sqlite3.SQLITE_IOERR_READ
+            raise error from None
+
+
+class UnpluggedFile:
+    """An opened file on a disk that may be unplugged."""
+
+    def __init__(self, file, disk):
+        self.file, self.disk, self.seek, self.tell = file, disk, file.seek, file.tell
+
+    def read(self, size=-1):
+        self.disk.require()
+        return self.file.read(size)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.file.close()
+
+
+@pytest.mark.parametrize("name", RECORDERS)
+def test_a_disk_that_is_unplugged_leaves_no_recording_and_the_conversion_goes_on(tmp_path, monkeypatch, name):
+    """What was read before would otherwise be a whole recording, for good."""
+    RECORDERS[name](tmp_path / "in", 60)  # FFmpeg reads the first 5 MB ahead
+    with monkeypatch.context() as patches:
+        disk = Unplugged(patches)
+        with pytest.raises(OSError, match=os.strerror(errno.EIO)) as failed:
+            convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), disk.progress)
+    assert failed.value.filename == str(tmp_path / "in")
+    with pytest.raises(InputError, match=r"recording\.json"):
+        open_recording(tmp_path / "out")
+    run(tmp_path / "in", tmp_path / "out")
+    run(tmp_path / "in", tmp_path / "whole")
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("name", RECORDERS)
+def test_what_is_missing_from_a_conversion_is_a_note_of_its_recording(tmp_path, name):
+    RECORDERS[name](tmp_path / "in", 6)
+    done = run(tmp_path / "in", tmp_path / "out")
+    recorded = read_document(tmp_path / "out" / RECORDING_FILE, RecordingDocument).notes
+    (note,) = [note for note in recorded if "damaged" in note]
+    assert note in " ".join(done.notes)
+    assert not any("pose" in note for note in recorded)
 
 
 SLOWLY = """
@@ -266,7 +349,21 @@ def test_a_file_that_ends_early_is_kept_as_far_as_it_goes(tmp_path):
     (tmp_path / "a.npy").write_bytes(data[:-1000])
     done = run(tmp_path / "a.npy", tmp_path / "out", GIVEN)
     assert any(note.startswith("Only a part could be read") for note in done.notes)
+    (note,) = open_recording(tmp_path / "out").notes
+    assert note == "Only a part could be read: a.npy: ends within image 9; copy or save it again"
     assert np.array_equal(depth_of(tmp_path / "out", "a"), expected(grey[:9]))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_damaged_image_whose_name_is_no_text_spoils_no_recording(tmp_path):
+    build.plain_folder(tmp_path / "p", noise(8))
+    (tmp_path / "p" / "depth_7.png").rename(tmp_path / "p" / os.fsdecode(b"depth_\xff7.png"))
+    damaged = next((tmp_path / "p").glob("depth_?7.png"))
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    run(tmp_path / "p", tmp_path / "out", GIVEN)
+    (note,) = read_document(tmp_path / "out" / RECORDING_FILE, RecordingDocument).notes
+    assert "the first, depth_?7.png" in note
+    assert read_conversion(tmp_path / "out")["notes"][0] == note
 
 
 def test_poses_of_several_inputs_are_left_out(monkeypatch, tmp_path):

@@ -1,5 +1,7 @@
 """Each format, written by hand or by another library: the same pixels, times to the microsecond, the lens in place."""
 
+from datetime import datetime, timedelta
+
 import numpy as np
 import pytest
 import sources_builder as build
@@ -182,6 +184,51 @@ def test_missing_numbers_are_missing_moments(tmp_path):
     run(tmp_path / "p", tmp_path / "out", GIVEN)
     assert times_of(tmp_path / "out", "p") == [*THIRTIETHS[:3], *THIRTIETHS[4:]]
     assert np.array_equal(depth_of(tmp_path / "out", "p"), expected(np.delete(grey, 3, axis=0)))
+
+
+@pytest.mark.parametrize("begin_s", [58.0, 20.0])
+def test_dates_and_clock_times_in_names_are_never_taken_for_microseconds(tmp_path, begin_s):
+    """Such names would jump by 40 s at a full minute. Within a minute they give the times."""
+    grey, begin = noise(90), datetime.fromisoformat("2026-03-28T10:30:00")
+    true_s = [begin_s + round(k / 30, 6) for k in range(len(grey))]
+    for second, image in zip(true_s, grey, strict=True):
+        name = (begin + timedelta(seconds=second)).strftime("%Y%m%d-%H%M%S%f")
+        build.write_png(tmp_path / "p" / f"{name}.png", image)
+    if begin_s == 58.0:
+        with pytest.raises(InputError, match=r"does not state.*times.*--fps"):
+            run(tmp_path / "p", tmp_path / "out", ConvertOptions(intrinsics=LENS, depth_scale=0.001))
+        run(tmp_path / "p", tmp_path / "out", GIVEN)
+    else:
+        run(tmp_path / "p", tmp_path / "out", ConvertOptions(intrinsics=LENS, depth_scale=0.001))
+    found_s = np.array(times_of(tmp_path / "out", "p"))
+    assert found_s - found_s[0] == pytest.approx(np.array(true_s) - begin_s, abs=2e-6)
+
+
+def test_microseconds_in_names_may_be_missing_and_uneven(tmp_path):
+    chance = np.random.default_rng(0)
+    micros = np.cumsum(chance.integers(30_000, 37_000, 2500))[::7].tolist()  # more than a minute
+    grey = noise(len(micros))
+    for k, (micro, image) in enumerate(zip(micros, grey, strict=True)):
+        build.write_png(tmp_path / "p" / f"{k:07d}-{micro:012d}.png", image)
+    run(tmp_path / "p", tmp_path / "out", ConvertOptions(intrinsics=LENS, depth_scale=0.001))
+    assert times_of(tmp_path / "out", "p") == [micro / 1e6 for micro in micros]
+
+
+@pytest.mark.parametrize("numbers", [[round(k * 1000 / 30) for k in range(7)], range(0, 14, 2)])
+def test_numbers_that_do_not_count_the_images_give_no_times(tmp_path, numbers):
+    """Milliseconds, for example: at 30 per second, one second of images would last half a minute."""
+    build.plain_folder(tmp_path / "p", noise(7))
+    for place, number in reversed(list(enumerate(numbers))):
+        (tmp_path / "p" / f"depth_{place}.png").rename(tmp_path / "p" / f"depth_{number}.png")
+    with pytest.raises(InputError, match=f"differ by {numbers[-1] // 6}, .*times_s"):
+        run(tmp_path / "p", tmp_path / "out", GIVEN)
+    assert not (tmp_path / "out").exists()
+    build.sidecar(tmp_path / "p" / "depth.json")
+    with pytest.raises(InputError, match=r"differ by .*times_s"):
+        run(tmp_path / "p", tmp_path / "out")
+    build.sidecar(tmp_path / "p" / "depth.json", times_s=THIRTIETHS)
+    run(tmp_path / "p", tmp_path / "out")
+    assert times_of(tmp_path / "out", "p") == THIRTIETHS
 
 
 def test_images_are_in_the_order_of_their_numbers_and_colour_is_left_alone(tmp_path):

@@ -53,12 +53,12 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
 
 @contextmanager
 def noting_how_to_go_on(out: Path) -> Iterator[None]:
-    """Add a note on how to resume to the KeyboardInterrupt by which a conversion into ``out`` is stopped."""
+    """Add a note on how to resume to the KeyboardInterrupt or OSError by which a conversion into ``out`` is stopped."""
     from anchorpose.results.folder import naming_place
 
     try:
         with naming_place(out):
             yield
-    except KeyboardInterrupt as stopped:
+    except (KeyboardInterrupt, OSError) as stopped:
         stopped.add_note(f"{out} is not a recording yet: give the same command again to go on.")
         raise

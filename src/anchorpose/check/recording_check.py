@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -28,7 +29,7 @@ from anchorpose.check.material import (
 from anchorpose.isolation.background import BackgroundSource
 from anchorpose.isolation.view import View
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import OFF_BEAT, CameraGaps, DepthStream, find_gaps, off_beat
+from anchorpose.recording.recording import LEFT_OUT, OFF_BEAT, CameraGaps, DepthStream, find_gaps, off_beat
 from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
@@ -60,10 +61,20 @@ def check_frames(material: Material) -> list[Finding]:
     if damaged:
         measured = f"{len(damaged)} of the sampled ones cannot be used: {damaged[0]}"
         found.append(Finding("damaged images", Level.YELLOW, measured, "copy the recording again"))
-    if material.recording.notes:
-        measured, remedy = "; ".join(material.recording.notes), "look at this camera's images, its lens and its cable"
-        found.append(Finding("cameras left out", Level.RED, measured, remedy))
+    found += _noted(material.recording.notes)
     return found if len(streams) == 1 else [*found, _clocks(material)]
+
+
+def _noted(notes: Sequence[str]) -> list[Finding]:
+    """Return a finding on the cameras that were left out, and a finding on the other notes of the recording."""
+    found = list[Finding]()
+    if gone := [note for note in notes if LEFT_OUT in note]:
+        remedy = "look at this camera's images, its lens and its cable"
+        found.append(Finding("cameras left out", Level.RED, "; ".join(gone), remedy))
+    if others := [note for note in notes if LEFT_OUT not in note]:
+        remedy = "if images or a unit are wrong because of it, convert or record again"
+        found.append(Finding("notes", Level.YELLOW, "; ".join(others), remedy))
+    return found
 
 
 def _frames(gaps: CameraGaps, stream: DepthStream) -> OfCamera:

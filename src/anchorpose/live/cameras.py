@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -61,7 +62,8 @@ class RealSense:
         except RuntimeError as error:
             raise AnchorposeError(f"the camera no longer answers ({error}); check its cable") from None
         finally:
-            self.pipeline.stop()
+            with suppress(RuntimeError):  # librealsense has stopped already if the camera was unplugged
+                self.pipeline.stop()
 
 
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
@@ -203,7 +205,8 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
-    Raises AnchorposeError if no such camera is found, or if the Python of the process has no pyorbbecsdk2.
+    Raises AnchorposeError if no such camera is found, if the Python of the process has no pyorbbecsdk2, or if the
+    process writes anything else first.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
@@ -214,13 +217,29 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     line = out.readline()
     if not line:
         raise AnchorposeError(_why_ended(process, errors))
-    found = json.loads(line)
+    found = _found(line, process, errors)
     first = out.read(orbbec_process.HEADER.size)
     if len(first) < orbbec_process.HEADER.size:
         raise AnchorposeError(_why_ended(process, errors))
     camera = _camera(found, orbbec_process.HEADER.unpack(first)[3])
     live = CameraPlan(camera=camera, model=found["name"], serial=found["serial"])
     return Orbbec(camera.name, (live,), about, process, errors, first)
+
+
+def _found(line: bytes, process: subprocess.Popen[bytes], errors: IO[bytes]) -> dict[str, Any]:
+    """Return the camera that the process's first line describes; end the process and raise AnchorposeError if the line
+    is not JSON.
+    """
+    try:
+        return dict(json.loads(line))
+    except (ValueError, TypeError):
+        process.kill()
+        process.wait()
+        errors.close()
+    text = line.decode(errors="replace").strip()[:80]
+    problem = f"The Orbbec camera cannot be read: its process began with {text!r} instead of the camera's lens"
+    remedy = f"name a Python that prints nothing when it starts in the variable {PYTHON_VARIABLE}"
+    raise AnchorposeError(f"{problem}; {remedy}.")
 
 
 def _camera(found: dict[str, Any], scale: float) -> Camera:

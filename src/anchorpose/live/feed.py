@@ -107,6 +107,10 @@ class Intake:
         """Stop passing images to ``taker``; an image that is already being passed on may still arrive."""
         self._takers = tuple(one for one in self._takers if one != taker)
 
+    def has(self, taker: Taker) -> bool:
+        """Return whether ``taker`` still gets images."""
+        return taker in self._takers
+
     @property
     def running(self) -> bool:
         """Return whether any source still delivers images."""
@@ -126,6 +130,8 @@ class Intake:
                 self._hand_on(replace(image, camera=first + image.camera))
         except (AnchorposeError, OSError) as error:
             self.failures.append(f"{source.name}: {error}")
+        except Exception as error:  # the library of a camera may raise any error
+            self.failures.append(f"{source.name}: it cannot be read on ({type(error).__name__}: {error}); begin again.")
         finally:
             with self._counting:
                 self._left -= 1

@@ -8,9 +8,11 @@ with exit code 2.
 """
 
 import json
+import os
 import struct
 import sys
 import time
+from typing import BinaryIO
 
 HEADER = struct.Struct("<qqqdq")
 WAIT_MS = 200
@@ -19,6 +21,7 @@ STALL_S = 5.0
 
 def main() -> int:
     """Open the camera, and write its images until standard output is closed; return the exit code."""
+    out = claim_output()
     import pyorbbecsdk as ob
 
     serial = sys.argv[1] if len(sys.argv) > 1 else ""
@@ -34,16 +37,25 @@ def main() -> int:
     config.enable_stream(profile)
     pipeline.start(config)
     try:
-        return stream(pipeline, profile, device.get_device_info())
+        problem = stream(out, pipeline, profile, device.get_device_info())
     except BrokenPipeError:
         return 0
     finally:
         pipeline.stop()
+    return refuse(problem)  # last, since stopping may print, and the last line of standard error is the reason
 
 
-def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
-    """Write the lens, then images; return exit code 2 if the camera delivers no more images."""
-    out = sys.stdout.buffer
+def claim_output() -> BinaryIO:
+    """Return standard output as a binary file that only this program writes to. Everything else that is printed goes to
+    standard error: Orbbec's library prints to standard output when it is imported, and later on errors.
+    """
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return out
+
+
+def stream(out: BinaryIO, pipeline, profile, info) -> str:  # type: ignore[no-untyped-def]
+    """Write the lens, then images to ``out``; return the reason if the camera delivers no more images."""
     lens, bent = profile.get_intrinsic(), profile.get_distortion()
     about = {
         "name": info.get_name(),
@@ -66,7 +78,7 @@ def stream(pipeline, profile, info) -> int:  # type: ignore[no-untyped-def]
         times = depth.get_timestamp_us(), depth.get_system_timestamp_us()
         out.write(HEADER.pack(depth.get_index(), *times, depth.get_depth_scale() / 1000.0, len(data)) + data)
         out.flush()
-    return refuse(f"no image came for {STALL_S:.0f} s; check the camera's cable")
+    return f"no image came for {STALL_S:.0f} s; check the camera's cable"
 
 
 def refuse(sentence: str) -> int:

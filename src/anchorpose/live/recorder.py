@@ -22,6 +22,7 @@ from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
 from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
+from anchorpose.recording.recording import LEFT_OUT
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
 from anchorpose.recording.writable import check_place, new_folder
@@ -35,6 +36,7 @@ EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 SYNC_S: Final = 1.0  # s, maximum time between writes to the disk, and so the time that a power cut can erase
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
+CLOCK_STEP_S: Final = 0.1  # s, minimum change between two images that counts as a set clock; images come 0.03 s apart
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
@@ -52,10 +54,13 @@ class Recorder:
         if about is not None:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
-        self._first_s: dict[int, float] = {}  # when each camera's first image was taken, by time.monotonic
-        self._began_s: float | None = None  # when the first camera's first image was taken; None until known
+        self._first_s: dict[int, tuple[float, float]] = {}  # time_s and taken_s of each camera's first image
+        self._offset_s: dict[int, float] = {}  # time_s minus taken_s of each camera's newest image
+        self._step_s: dict[int, float] = {}  # largest step of each camera's clock that a note states
+        # the camera whose first image begins the recording, and the time of this image; None until known
+        self._began: tuple[int, float] | None = None
         self._waiting: list[tuple[str, float]] = []  # markers that came before the first image
-        self._marking = Lock()
+        self._marking, self._describing = Lock(), Lock()
         self._write_document()
         self.images, self.finished = 0, False  # number of images written; whether ``finish`` has succeeded
         self._unsynced: list[Path] = []
@@ -72,10 +77,11 @@ class Recorder:
         with naming_place(self.folder), self._writing[image.camera]:
             if self._done.is_set():
                 return None
-            self._first_s.setdefault(image.camera, image.taken_s)
-            if image.camera == 0 and self._began_s is None:
-                self._begin(image.taken_s)
-            path = self._writers[image.camera].write(image.time_s, image.grey, image.number)
+            self._first_s.setdefault(image.camera, (image.time_s, image.taken_s))
+            step_s = self._follow_clock(image)
+            if image.camera == 0 and self._began is None:
+                self._begin(0)
+            path = self._write(image, step_s)
         if path is None:
             return "their times are not later than those of the images before"
         self.images += 1
@@ -83,6 +89,34 @@ class Recorder:
         if self.images % ROOM_EVERY == 0:
             self._require_free()
         return None
+
+    def _follow_clock(self, image: LiveImage) -> float:
+        """Note the offset between a camera's clock and ``time.monotonic``; return the change since the image before."""
+        offset_s = image.time_s - image.taken_s
+        step_s = offset_s - self._offset_s.get(image.camera, offset_s)
+        self._offset_s[image.camera] = offset_s
+        return step_s
+
+    def _write(self, image: LiveImage, step_s: float) -> Path | None:
+        """Write an image as ``CameraWriter`` does; if its camera restarted, or if the camera's clock was set by
+        ``step_s``, also write a note. Of several steps, only those that are larger than all before are noted.
+        """
+        writer = self._writers[image.camera]
+        restarts = writer.restarts
+        path = writer.write(image.time_s, image.grey, image.number)
+        which = f"camera {writer.folder.name}"
+        if writer.restarts > restarts:
+            self._note(f"{which} restarted before image {writer.given - 1}: check its cable")
+        if abs(step_s) > self._step_s.get(image.camera, CLOCK_STEP_S):
+            self._step_s[image.camera] = abs(step_s)
+            self._note(f"{which}: its clock was set by {step_s:+.1f} s before image {writer.given - 1}")
+        return path
+
+    def _note(self, sentence: str) -> None:
+        """Add a note to the document of the recording."""
+        with self._describing:
+            self._document["notes"] = [*self._document.get("notes", []), sentence]
+            self._write_document()
 
     def mark(self, text: str, at_s: float) -> None:
         """Write a marker that was sent at ``at_s``, by ``time.monotonic``. A marker that comes before the first image
@@ -92,19 +126,26 @@ class Recorder:
             self._waiting.append((plain_text(text), at_s))
             self._write_markers()
 
-    def _begin(self, taken_s: float) -> None:
-        """Note when the first camera's first image was taken, and write the markers that waited for it."""
-        self._document["start"] = start_of(taken_s)
-        self._write_document()
+    def _begin(self, camera: int) -> None:
+        """Note when the first image of the recording's first camera was taken, and write the markers that waited."""
+        time_s, taken_s = self._first_s[camera]
+        with self._describing:
+            self._document["start"] = start_of(taken_s)
+            self._write_document()
         with self._marking:
-            self._began_s = taken_s
+            self._began = camera, time_s
             self._write_markers()
 
     def _write_markers(self) -> None:
-        if self._began_s is None or not self._waiting:
+        """Write the markers that wait, at their times on the clock of the first camera. The clock is read from the
+        camera's newest image, since it may be the computer's clock, which may be set during the recording.
+        """
+        if self._began is None or not self._waiting:
             return
         path = self.folder / MARKERS_FILE
-        rows = "".join(f"{at_s - self._began_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
+        camera, first_s = self._began
+        shift_s = self._offset_s[camera] - first_s
+        rows = "".join(f"{at_s + shift_s:.4f}\t{MISSING}\t{text}\n" for text, at_s in self._waiting)
         self._waiting = []
         begun = path.exists()
         with path.open("a", encoding="utf-8", newline="\n") as file:
@@ -122,8 +163,8 @@ class Recorder:
         if self.finished:
             return self.folder
         self.abandon()
-        if self._began_s is None and self._first_s:  # the first camera gave no image
-            self._begin(self._first_s[min(self._first_s)])
+        if self._began is None and self._first_s:  # the first camera gave no image
+            self._begin(min(self._first_s))
         self._sync()
         finish_recording(self.folder)
         self.finished = True
@@ -213,7 +254,7 @@ def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
     if not gone:
         return
     found["cameras"] = [camera for camera in found["cameras"] if camera["name"] in kept]
-    notes = [f"camera {name} was left out: it gave no depth image" for name in gone]
+    notes = [f"camera {name} {LEFT_OUT}it gave no depth image" for name in gone]
     found["notes"] = [*found.get("notes", []), *notes]
     write_text_whole(document, json.dumps(found, indent=1) + "\n")
 
@@ -291,28 +332,36 @@ def record_live(
         intake.add(recorder.put)
         intake.start()
         say("Recording. Stop with Ctrl+C.")
-        _wait(intake, recorder, seconds, say, stop)
+        said = _wait(intake, recorder, seconds, say, stop)
     finally:
         intake.stop()
         if inlet is not None:
             inlet.stop()
         recorder.abandon()
-    for sentence in intake.failed:
+    for sentence in intake.failed[said:]:
         say(sentence)
     if recorder.images == 0:
         raise AnchorposeError("No camera gave a depth image; check the cables.")
     return recorder.finish()
 
 
-def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> None:
+def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> int:
+    """Wait for the end of the recording, and report how it goes; a recorder that gets no more images, as on a nearly
+    full disk, is the end. Return how many failures were reported.
+    """
+    said = 0
     began_s = reported_s = time.monotonic()
     until_s = np.inf if seconds is None else began_s + seconds
-    while intake.running and time.monotonic() < until_s and not stop.wait(0.05):
+    while intake.running and intake.has(recorder.put) and time.monotonic() < until_s and not stop.wait(0.05):
+        for sentence in intake.failures[said:]:
+            say(sentence)
+            said += 1
         if time.monotonic() - reported_s > REPORT_S:
             reported_s = time.monotonic()
             say(f"{recorder.images} depth images in {reported_s - began_s:.0f} s.")
             for camera in intake.feed.silent():
                 say(f"No images come from {intake.cameras[camera].camera.name}: check the cable.")
+    return said
 
 
 def _record_empty_room(

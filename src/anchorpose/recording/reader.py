@@ -17,7 +17,7 @@ from anchorpose.recording.depth_image import largest_png, read_depth_image, read
 from anchorpose.recording.document import read_document
 from anchorpose.recording.equipment import equipment_files, read_equipment
 from anchorpose.recording.events import events_files
-from anchorpose.recording.recording import UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording, pair_frames
+from anchorpose.recording.recording import LEFT_OUT, UNKNOWN, DepthStream, FolderFiles, FrameSet, Recording, pair_frames
 from anchorpose.recording.recording_file import SHORTEST_STEP_S, RecordingDocument, find_duplicates, read_timestamps
 from anchorpose.recording.regular_file import STAMP, is_there, list_file, reason
 
@@ -74,7 +74,7 @@ def _without_dead_cameras(recording: Recording) -> Recording:
     if not alive:
         remedy = "nothing was measured: uncover the lens, keep the sun out, and record again"
         raise InputError(recording.folder / recording.cameras[0].name / "depth", dead[0], remedy)
-    notes = [f"camera {recording.cameras[number].name} was left out: {why}" for number, why in dead.items()]
+    notes = [f"camera {recording.cameras[number].name} {LEFT_OUT}{why}" for number, why in dead.items()]
     if 0 in dead:
         notes.append(
             f"frames and times are those of camera {recording.cameras[alive[0]].name}, the first that measured"

@@ -145,6 +145,10 @@ class DepthStream:
     listed: np.ndarray | None = None  # (n,) size, time, inode of each file when the recording was opened; or None
 
 
+LEFT_OUT: Final = "was left out: "
+"""Part of each note on a camera that was left out, before the reason; ``check`` reports these notes by themselves."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
     """A recording folder that was checked; its depth images are read on demand, one frame at a time."""
@@ -157,7 +161,7 @@ class Recording:
     backgrounds_m: tuple[np.ndarray | None, ...]
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
-    notes: tuple[str, ...] = ()  # sentences on content of the folder that is not used
+    notes: tuple[str, ...] = ()  # sentences on content that is not used, and those of the recorder or converter
 
     @property
     def part_names(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (la
 
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -166,8 +167,7 @@ def open_source(path: Path) -> AzureKinectFile:
             serial=container.metadata.get("K4A_DEVICE_SERIAL_NUMBER", ""),
         )
     cut = "" if _is_whole(path) else "the file was cut short, or its recorder did not close it: its end may be missing"
-    notes = (f"depth mode {mode.name}, in millimetres", *filter(None, (lens_note, start_note, cut)))
-    return AzureKinectFile(path, (camera,), start_us, notes)
+    return AzureKinectFile(path, (camera,), start_us, tuple(filter(None, (lens_note, start_note, cut))))
 
 
 @dataclass(slots=True, eq=False)
@@ -251,6 +251,8 @@ def _image(packet: Packet, height: int, width: int) -> np.ndarray:
 def _opened(path: Path) -> Iterator[InputContainer]:
     """Open the file with PyAV. Only the decoder of uncompressed images is allowed, so PyAV never decodes colour, not
     even to detect the formats of the tracks.
+
+    Raises InputError for a damaged file, OSError with the file's path if the disk cannot be read.
     """
     try:
         import av
@@ -264,6 +266,9 @@ def _opened(path: Path) -> Iterator[InputContainer]:
         ):
             yield container
     except (av.FFmpegError, OSError, UnicodeError) as error:
+        # an OSError of FFmpeg itself means damage, and so does a position outside the file (EINVAL)
+        if isinstance(error, OSError) and not isinstance(error, av.FFmpegError) and error.errno != errno.EINVAL:
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise InputError(path, "cannot be read as a Matroska file", AGAIN) from error
 
 

@@ -9,6 +9,7 @@ read one after the other. At any other damage, reading stops, and a note names t
 from __future__ import annotations
 
 import errno
+import os
 import re
 import sqlite3
 from abc import ABC, abstractmethod
@@ -335,6 +336,8 @@ def _damaged(error: Exception) -> DamagedBag:
         return error
     # a damaged bz2 stream raises OSError without errno, and a position outside the file raises OSError with EINVAL
     of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
+    if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_IOERR_READ:
+        raise OSError(errno.EIO, os.strerror(errno.EIO)) from error
     if of_the_disk or isinstance(error, MissingPackage):
         raise error
     return DamagedBag((str(error).splitlines() or [""])[0][:100].rstrip(".") or type(error).__name__)

@@ -22,6 +22,7 @@ from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import ConvertOptions
 from anchorpose.recording.document import LARGEST_BYTES, parse_json
+from anchorpose.recording.recording import LEFT_OUT
 from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 from anchorpose.recording.writable import check_place, new_folder
@@ -110,7 +111,7 @@ def fingerprint(path: Path) -> tuple[int, str]:
     total = 0
     for file in files:
         size = file.stat().st_size
-        digest.update(f"{file.relative_to(path).as_posix()} {size}\n".encode())
+        digest.update(f"{file.relative_to(path).as_posix()} {size}\n".encode(errors="surrogateescape"))
         total += size
     texts = [file for file in files if file.suffix.lower() in TEXTS and file.stat().st_size <= SMALL]
     for file in [*texts[:LISTED], *files[:1], *files[-1:]]:
@@ -174,13 +175,13 @@ def _convert(
         except AnchorposeError as error:
             refusal = error
         else:
-            notes = (*(note for source in sources for note in source.notes), *plan.notes, *notes)
+            notes = (*(note for source in sources for note in source.notes), *notes)
             _finish(out, begun, plan, counts, notes)
     if refusal is not None:  # the input files cause this error, so the user is not advised to resume
         if is_untouched(out):
             shutil.rmtree(out)
         raise refusal
-    return Converted(out, tuple((name, count) for name, count in counts.items() if count), notes)
+    return Converted(out, tuple((name, count) for name, count in counts.items() if count), (*notes, *plan.notes))
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
@@ -247,7 +248,7 @@ def _write_images(
             except InputError as error:
                 if not any(writer.written for writer in writers):
                     raise
-                notes.append(f"Only a part could be read: {error}")
+                notes.append(f"Only a part could be read: {error.path.name}: {error.problem}; {error.remedy}.")
             notes += [note for writer in writers if (note := writer.note(source.path))]
         counts |= {own.camera.name: writer.written for own, writer in zip(cameras, writers, strict=True)}
         notes += _require_images(source, cameras, counts)
@@ -260,21 +261,33 @@ def _require_images(source: Source, cameras: Sequence[CameraPlan], counts: dict[
     if len(empty) == len(cameras):
         told = source.notes[-1].rstrip(".") if source.notes else "nothing says why"
         raise InputError(source.path, f"holds no depth image that can be used ({told})", "record or export it again")
-    return [f"{name} has no depth image and was left out." for name in empty]
+    return [f"camera {name} {LEFT_OUT}it has no depth image." for name in empty]
 
 
 def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int], notes: tuple[str, ...]) -> None:
     """Remove the folders of cameras without images, and write recording.json last: without it the folder is not a
     recording.
+
+    notes: sentences on the images, which recording.json states, too; the notes of the plan concern poses, which may be
+    calibrated later.
     """
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
         if not count:
             shutil.rmtree(out / name)
-    text = _json({"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": None})
-    made = {"notes": list(notes), RECORDING_FILE: hashlib.sha256(text.encode()).hexdigest()}
+    all_notes = [_plain(note) for note in (*notes, *plan.notes)]
+    recorded: dict[str, Any] = {"notes": all_notes[: len(notes)]} if notes else {}
+    text = _json({"format": "rgbd-recording", "version": 1, "cameras": cameras, "equipment": None, **recorded})
+    made = {"notes": all_notes, RECORDING_FILE: hashlib.sha256(text.encode()).hexdigest()}
     write_text_whole(out / CONVERSION_FILE, _json({**begun, **made}))
     write_text_whole(out / RECORDING_FILE, text)
+
+
+def _plain(note: str) -> str:
+    """Return a note for a JSON file: without the full stop, and with a question mark in place of each character that a
+    file's name may have but a text may not.
+    """
+    return "".join(each if each.isprintable() else "?" for each in note).rstrip(".")
 
 
 def _json(document: dict[str, Any]) -> str:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median_low
 from typing import Final
 
 import numpy as np
@@ -57,7 +58,8 @@ class ImageFiles:
         if not files:
             raise InputError(path, "holds no depth images", "give the folder with 16-bit PNG or PGM images")
         self.path = path
-        self.cameras: tuple[SourceCamera, ...] = (camera,)
+        step = 1.0 if camera.has_times else number_step([file.time_s for file in files])
+        self.cameras: tuple[SourceCamera, ...] = (replace(camera, number_step=step),)
         self._files, self._notes, self._read = files, tuple(notes), read or read_grey_image
         self._left_out: dict[str, str] = {}
 
@@ -141,6 +143,11 @@ def number_of(path: Path) -> int | None:
     """
     numbers = re.findall(r"[0-9]+", path.stem)
     return int(numbers[0]) if len(numbers) == 1 and len(numbers[0]) <= 9 else None
+
+
+def number_step(numbers: Sequence[float]) -> float:
+    """Return the median difference between the numbers of successive images; 1 for a single image."""
+    return float(median_low(np.diff(numbers).tolist())) if len(numbers) > 1 else 1.0
 
 
 def _pgm_header(data: bytes) -> tuple[int, int, int] | None:

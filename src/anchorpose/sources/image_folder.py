@@ -40,9 +40,10 @@ from anchorpose.sources.grey_images import (
     images_in,
     natural_order,
     number_of,
+    number_step,
     to_grey,
 )
-from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame
+from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame, require_counted
 
 # Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
 # exceeds the maximum ``FARTHEST_M``.
@@ -195,13 +196,14 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
-    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``.
-    Otherwise return the images with the numbers in their names, or with their positions if numbers are missing or
-    repeated, and False.
+    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``, and not
+    ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in their names, or with their positions if
+    numbers are missing or repeated, and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
-    if len(micros) == len(images) > 1 and FASTEST_S < np.median(np.diff(sorted(micros))) / 1e6 < SLOWEST_S:
+    is_timed = len(micros) == len(images) > 1 and FASTEST_S < np.median(np.diff(sorted(micros))) / 1e6 < SLOWEST_S
+    if is_timed and not _are_clock_times(micros):
         timed = sorted(zip(micros, images, strict=True))
         return [FrameFile(file, micro / 1e6) for micro, file in timed], True
     numbers = [number_of(file) for file in images]
@@ -209,6 +211,19 @@ def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
     if len(set(known)) < len(images):
         return [FrameFile(file, float(place)) for place, file in enumerate(images)], False
     return [FrameFile(file, float(number)) for number, file in sorted(zip(known, images, strict=True))], False
+
+
+def _are_clock_times(micros: Sequence[int]) -> bool:
+    """Return whether the last twelve digits of all numbers can be hours, minutes, seconds and microseconds, and if read
+    so, give other intervals than as microseconds. Within a minute, both readings give the same intervals.
+    """
+    shifts = set[int]()
+    for micro in micros:
+        hour, minute, second = micro // 10**10 % 100, micro // 10**8 % 100, micro // 10**6 % 100
+        if hour > 23 or minute > 59 or second > 59:
+            return False
+        shifts.add(micro - ((60 * hour + minute) * 60 + second) * 10**6 - micro % 10**6)
+    return len(shifts) > 1
 
 
 def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> SourceCamera:
@@ -230,14 +245,18 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
     """Return the times (n,) in seconds that a sidecar gives for the images with these numbers (n,); None if the sidecar
-    has neither times nor a rate. Raises InputError if the sidecar has times but not n of them.
+    has neither times nor a rate. Raises InputError if the sidecar has times but not n of them, or a rate for numbers
+    that do not count the images.
     """
     if given.times_s is not None:
         if len(given.times_s) != len(numbers):
             problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
             raise InputError(path, problem, "write one time per image")
         return np.array(given.times_s)
-    return None if given.fps is None else numbers / given.fps
+    if given.fps is None:
+        return None
+    require_counted(path, number_step(numbers.tolist()))
+    return numbers / given.fps
 
 
 def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:

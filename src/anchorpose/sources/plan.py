@@ -23,7 +23,7 @@ from anchorpose.recording.depth_image import decode_grey_png
 from anchorpose.recording.document import validate
 from anchorpose.recording.recording_file import MOST_REPEATED, RecordingDocument, camera_document, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read_whole
-from anchorpose.sources.source import Source, SourceCamera
+from anchorpose.sources.source import Source, SourceCamera, require_counted
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 """Number of clockwise quarter turns of the image, by degrees."""
@@ -84,6 +84,8 @@ def _plan_camera(source: Source, index: int, name: str, options: ConvertOptions)
     lens, pose = _lens(found, options), found.T_world_camera
     if scale is None or lens is None or (not found.has_times and options.fps is None):
         raise _incomplete(source, found, options)
+    if not found.has_times:
+        require_counted(source.path, found.number_step)
     if not can_turn(lens, options.rotate):
         remedy = "give --rotate 180 or leave it out, and turn the camera"
         raise InputError(source.path, "has a lens with a tilted sensor, which a quarter turn cannot keep", remedy)
@@ -248,8 +250,9 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 class CameraWriter:
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
-    given: number of images received, including the earlier run; written: number of these images that were written. The
-    number in an image's file name is its position in the source, unless ``write`` gets another number.
+    given: number of images received, including the earlier run; written: number of these images that were written;
+    restarts: how often the numbers that ``write`` got began again. The number in an image's file name is its position
+    in the source, unless ``write`` gets another number.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -258,6 +261,7 @@ class CameraWriter:
         rows = _complete_rows(folder, plan)
         self.given = rows[-1][0] + 1 if rows else 0
         self.written = len(rows)
+        self.restarts = self._shift = 0
         self._last = rows[-1][1] if rows else ""
         self._rows = (folder / "timestamps.csv").open("w", encoding="utf-8")
         self._rows.write("".join(f"{line}\n" for line in (_HEADER, *(f"{k},{time}" for k, time in rows))))
@@ -276,9 +280,15 @@ class CameraWriter:
         previous image is left out, and None is returned.
 
         time_s: time on the device's clock, or the image's number if times are unknown; number: the number for the
-        image's file name, larger than the previous number; sources that state which images were lost give it.
+        image's file name; sources that state which images were lost give it. If a number is not larger than the
+        previous number, because a camera restarted, the numbers continue at the next free number: no image is ever
+        written over another image.
         """
-        number = self.given if number is None else number
+        number = self.given if number is None else number + self._shift
+        if number < self.given:
+            self.restarts += 1
+            self._shift += self.given - number
+            number = self.given
         self.given = number + 1
         stamp = f"{time_s if self._plan.fps is None else time_s / self._plan.fps:.6f}"
         if not math.isfinite(float(stamp)) or (self._last and float(stamp) <= float(self._last)):

@@ -21,7 +21,15 @@ from anchorpose.lens import Intrinsics
 from anchorpose.options import FASTEST_HZ
 from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_json, read_text
 from anchorpose.recording.regular_file import Unreadable, read_bounded
-from anchorpose.sources.grey_images import FrameFile, ImageFiles, Size, first_size, images_in, natural_order
+from anchorpose.sources.grey_images import (
+    FrameFile,
+    ImageFiles,
+    Size,
+    first_size,
+    images_in,
+    natural_order,
+    number_step,
+)
 from anchorpose.sources.image_folder import frame_files
 from anchorpose.sources.source import (
     MILLIMETRE_M,
@@ -31,6 +39,7 @@ from anchorpose.sources.source import (
     finite_list,
     movement_note,
     read_matrix,
+    require_counted,
 )
 
 TUM_M: Final = 1.0 / 5000.0  # metres per grey value
@@ -122,6 +131,7 @@ def _open_exported(path: Path) -> ImageFiles:
         camera, notes = _open3d_camera(found, values, size)
         fps = finite(values.get("fps"))
         if not has_times and fps is not None and 0 < fps <= FASTEST_HZ:
+            require_counted(path, number_step([file.time_s for file in files]))
             files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
     camera = replace(camera, name=path.resolve().name, count=len(files), has_times=has_times)
     return ImageFiles(path, camera, files, notes)

@@ -84,7 +84,9 @@ class BagSource:
         return (*self._said, *self._bag.notes, *counted)
 
     def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images. If a file is cut off, yield the images before the cut, and add a note."""
+        """Yield the depth images. If a file is cut off, yield the images before the cut, and add a note. Raises OSError
+        with the file's path if the disk cannot be read: such a file does not count as cut off.
+        """
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
         given = [0] * len(self.cameras)
         try:
@@ -93,7 +95,7 @@ class BagSource:
                 if given[frame.camera] > skip[frame.camera]:
                     yield frame
         except OSError as error:
-            raise InputError(self.path, f"it cannot be read on ({error.strerror})", "check the disk") from error
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
         if not any(given):
             raise InputError(self.path, "none of its depth images can be read", RECORD_AGAIN)
 

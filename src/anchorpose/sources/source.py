@@ -45,7 +45,7 @@ class SourceCamera:
     name: name for the camera's folder; depth_scale: metres per grey value, None if unknown; intrinsics: None if the
     file has no lens; T_world_camera: (4, 4), None if the file has no pose; model and serial: of the device, empty if
     unknown; count: number of depth images, None if only reading the whole file would show it; has_times: False if the
-    file only numbers the images.
+    file only numbers the images; number_step: median difference between the numbers of successive images.
     """
 
     name: str
@@ -58,6 +58,17 @@ class SourceCamera:
     serial: str = ""
     count: int | None = None
     has_times: bool = True
+    number_step: float = 1.0
+
+
+def require_counted(path: Path, step: float) -> None:
+    """Raise InputError if images cannot be timed by their rate, since their numbers do not count them: the median
+    difference between the numbers of successive images, ``step``, is not 1. Such numbers may be milliseconds.
+    """
+    if step != 1.0:
+        problem = f"the numbers of successive images differ by {step:g}, so images per second do not give times"
+        remedy = "number the images 0, 1, 2 and so on, or give their times as times_s in a sidecar depth.json"
+        raise InputError(path, problem, remedy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
