@@ -75,6 +75,21 @@ def test_a_recording_of_people_only_is_all_foreground():
     assert (foreground(alone, model) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
 
 
+def test_a_camera_that_reads_only_three_metres_far_shows_a_room():
+    """The wall is out of range, so few readings are left; floor and bench are not the person."""
+    bench = Box("bench", np.array([-0.1, 0.22, -0.9]), np.array([0.5, 0.44, 0.9]), np.eye(3))
+    parts = [(*ROOM, bench, *body(0.0, z)) for z in np.linspace(-0.2, 0.4, 8)]
+    frames = [picture(FRONT, *each, seed=k) for k, each in enumerate(parts)]
+    frames = [np.where(frame < 3.0, frame, np.float32(0.0)) for frame in frames]
+    assert all(np.count_nonzero(frame) < 0.5 * frame.size for frame in frames)
+    model = learn_background(None, frames, FRONT, 0.0)
+    assert model.source == BackgroundSource.RECORDING
+    expected = in_front(FRONT, bench, *body(0.0, 0.4)) & ~in_front(FRONT, bench)
+    found = foreground(frames[-1], model) & (model.depth_m > 0)
+    assert found[expected & (model.depth_m > 0)].mean() > 0.9
+    assert found[~expected].mean() < 0.01
+
+
 FRAME = EquipmentModel(
     tuple(Box("rail", np.array([0.0, 0.9, z]), np.array([0.8, 0.04, 0.04]), np.eye(3)) for z in (-0.45, 0.45))
 )

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from body_builder import FRONT as BODY_CAMERA
 from body_builder import adult_body, seen_body, standing
-from room_builder import FRONT, ROOM, filtered, picture, shot
+from room_builder import FRONT, ROOM, body, filtered, picture, shot
 
 from anchorpose.calibration.first_frames import noise_per_m, step_per_m
 from anchorpose.camera import Camera
@@ -148,12 +148,7 @@ def test_what_was_seen_once_is_not_measured_but_stated():
 
 
 def test_a_recording_of_people_alone_has_no_background_to_measure_on():
-    frames = []
-    for k in range(6):
-        frame = np.zeros((240, 320), np.float32)
-        frame[40:220, 120:200] = 2.5 + SIGMA_M * errors(k)[40:220, 120:200]
-        frames.append(frame)
-    model = learn_background(None, frames, CAMERA, None)
+    model = learn_background(None, [picture(FRONT, *body(0.0, 0.0), seed=k) for k in range(6)], FRONT, None)
     assert model.source is BackgroundSource.REMOVED
     assert model.sensor.noise == neighbour_noise(model.sensor.noise_per_m)
     assert not model.sensor.noise.measured

@@ -82,7 +82,7 @@ def learn_background(
         sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, detail.step_per_m)
         law = measure_noise(depth, sigma, frames_m, camera, noise)
         return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.PICTURE)
-    if all(people_only(frame) for frame in frames_m):
+    if people_only(frames_m, camera):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
