@@ -179,13 +179,17 @@ def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
     """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
-    before and after it.
+    before and after it, within the tracked range.
 
-    The result is empty if no person stands at the given place in this frame. Raises InputError if the recording has no
-    frame ``frame``.
+    The result is empty if no person stands at the given place in this frame. Raises InputError if the tracked range
+    has no frame ``frame``.
     """
-    here, last = _position(recording, frame), len(recording.streams[0].files)
-    positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
+    here, tracked = _position(recording, frame), range(len(recording.streams[0].files))[config.start : config.stop]
+    if here not in tracked:
+        first, last = (recording.streams[0].frame[tracked[k]] for k in (0, -1))
+        problem = f"is tracked from frame {first} to {last}, but the patient's place is given in frame {frame}"
+        raise InputError(recording.folder, problem, "give a frame of this range after the @, or track more frames")
+    positions = range(max(here - AROUND, tracked.start), min(here + AROUND + 1, tracked.stop))
     sightings = [sight_people(without_other_places(read_frame(recording, k), scenes), scenes) for k in positions]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
     if named is None:
