@@ -18,12 +18,12 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel
-from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.empty_room import is_outdated, learn_background
 from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording, align_clocks
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks, depths_of
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
@@ -40,6 +40,7 @@ BLIND_SAMPLES = 3
 # number of frames examined before, and as many after, the frame in which the user gave the patient's place; meanwhile a
 # person walks only half a step
 AROUND: Final = 6
+OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
 
@@ -72,8 +73,33 @@ def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW
     """Find the clocks and poses of all cameras. Poses make the clocks more precise, and clocks make poses that are
     found from people more precise, so both are found in turn.
 
-    Clocks and floor of reviewed results are used unchanged. Raises InputError if a pose cannot be found.
+    Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
+    recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.
     """
+    recording, notes = _without_outdated_rooms(recording, config)
+    settled = _settled_in_turn(recording, config, review)
+    calibration = settled.calibration
+    return replace(settled, calibration=replace(calibration, notes=(*calibration.notes, *notes)))
+
+
+def _without_outdated_rooms(recording: Recording, config: TrackConfig) -> tuple[Recording, tuple[str, ...]]:
+    """Return the recording without depth images of the empty room from before a camera or its room moved, and a
+    sentence on each of these cameras.
+    """
+    if all(room is None for room in recording.backgrounds_m):
+        return recording, ()
+    _, samples = sample_recording(recording, config)
+    rooms, notes = list(recording.backgrounds_m), []
+    for number, (camera, room) in enumerate(zip(recording.cameras, recording.backgrounds_m, strict=True)):
+        frames = depths_of(samples, number)
+        if room is not None and frames and is_outdated(room, frames, camera):
+            rooms[number] = None
+            notes.append(f"camera {camera.name}: {OUTDATED}, so this image is not used; record the empty room again")
+    return replace(recording, backgrounds_m=tuple(rooms)), tuple(notes)
+
+
+def _settled_in_turn(recording: Recording, config: TrackConfig, review: Review) -> Settled:
+    """Find the clocks and poses as ``settle`` does, with all depth images of the empty room."""
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
     if not unplaced:
