@@ -213,6 +213,7 @@ def test_a_recording_without_anybody_is_lost_from_end_to_end_and_says_so(empty_r
     assert document["explained"]["uncovered_share"] is None
     assert np.isnan(read_explained(tmp_path / "explained.parquet").seen_past).all()
     assert any("nobody was seen" in note for note in document["notes"])
+    assert "camera front, empty room: the given picture of the empty room" in document["notes"]
     assert document["pictures"] == []
 
 

@@ -260,9 +260,10 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """Return a sentence on each camera whose filters blur depth edges, then one on each camera whose noise was not
-    measured.
+    """Return a sentence on the source of each camera's empty room, then one on each camera whose filters blur depth
+    edges, then one on each camera whose noise was not measured.
     """
+    rooms = [f"camera {scene.camera.name}, empty room: {scene.background.source.value}" for scene in room.scenes]
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
         f"{camera}: its filters draw depth edges out over {sensor.edge_px:.0f} pixels: farther than "
@@ -270,7 +271,7 @@ def _about_depth(room: Room) -> list[str]:
         for camera, sensor in sensors
         if sensor.filtered
     ]
-    return coarse + [
+    return [*rooms, *coarse] + [
         f"{camera}: no still background is seen to measure its noise on; it is estimated from neighbouring readings, "
         "which does not show the errors that they share, so sigma may be too small"
         for camera, sensor in sensors

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from room_builder import FRONT, KNEE_BAR, NOISE_PER_M, ROOM, body, camera_at, picture, unposed
+from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration.first_frames import NoFloor, find_floor, floor_of_room, noise_per_m
 from anchorpose.calibration.world import find_world
@@ -99,6 +100,21 @@ def test_a_floor_that_contradicts_the_given_pose_is_reported_and_not_used():
     world = find_world(recording(leaning), frames(picture(FRONT, *ROOM, seed=5)))
     assert world.floor_height_m is None
     assert [(doubt.refuted, "tilted by 12." in doubt.sentence) for doubt in world.doubts] == [(True, True)]
+
+
+@pytest.mark.parametrize("look_m", [1.4, 0.9])
+@pytest.mark.parametrize("error_deg", [1.0, 1.5, 1.9])
+def test_floors_are_compared_where_the_patient_usually_is(look_m, error_deg):
+    """A level camera that is pitched by an error raises the floor 2.5 m ahead by 2.5 m times the error's tangent."""
+    front, left = (camera_at((2.5, 1.4, z), (0.0, look_m, z), 512, 424) for z in (-0.6, 0.6))
+    depths_m = tuple(picture(camera, *ROOM, seed=6) for camera in (front, left))
+    pitched = left.require_pose().copy()
+    pitched[:3, :3] @= Rotation.from_euler("x", error_deg, degrees=True).as_matrix()
+    cameras = front, replace(left, name="left", T_world_camera=pitched)
+    world = find_world(recording(*cameras), [FrameSet(frame=0, time_s=0.0, depths_m=depths_m)])
+    (doubt,) = [doubt for doubt in world.doubts if "heights that differ" in doubt.sentence]
+    assert doubt.off_m == pytest.approx(2.5 * np.tan(np.radians(error_deg)), rel=0.15)
+    assert not doubt.refuted
 
 
 def test_a_camera_without_a_pose_gets_the_world_of_floor_and_patient():

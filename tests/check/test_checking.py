@@ -62,6 +62,12 @@ def change_images(change: Callable[[int, np.ndarray], np.ndarray]) -> Callable[[
     return change_all
 
 
+def after_the_picture(recording: Path) -> None:
+    """The camera stood 2 % farther away when it recorded the empty room."""
+    path = recording / "front" / "background.png"
+    write_picture(path, np.round(1.02 * cv2.imread(str(path), cv2.IMREAD_UNCHANGED)).astype(np.uint16))
+
+
 def longer_focal_length(recording: Path) -> None:
     def lengthen(document) -> None:
         lens = document["cameras"][0]["intrinsics"]
@@ -156,6 +162,7 @@ FAULTS = (
             ("light", change_images(with_another_cameras_light), ("steady readings",), Level.YELLOW),
             ("noise", change_images(noisier), ("depth noise",), Level.RED),
             ("no picture", without_background, ("empty room",), Level.YELLOW),
+            ("moved", after_the_picture, ("empty room",), Level.YELLOW),
         )
     ),
 )

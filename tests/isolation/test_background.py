@@ -1,12 +1,15 @@
 """The empty room, with a picture of it and without: what stands out and what does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from room_builder import FRONT, NOISE_PER_M, ROOM, body, in_front, picture, seated
+from room_builder import FRONT, NOISE_PER_M, ROOM, body, filtered, in_front, picture, seated
+from scipy.spatial.transform import Rotation
 
 from anchorpose.camera import transform_points
 from anchorpose.isolation.background import BackgroundSource, foreground
-from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.empty_room import is_outdated, learn_background
 from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import Box, EquipmentModel
 
@@ -73,6 +76,58 @@ def test_a_recording_of_people_only_is_all_foreground():
     model = learn_background(None, [alone], FRONT, None)
     assert model.source == BackgroundSource.REMOVED
     assert (foreground(alone, model) & (alone > 0)).sum() > 0.97 * (alone > 0).sum()
+
+
+def test_a_camera_that_reads_only_three_metres_far_shows_a_room():
+    """The wall is out of range, so few readings are left; floor and bench are not the person."""
+    bench = Box("bench", np.array([-0.1, 0.22, -0.9]), np.array([0.5, 0.44, 0.9]), np.eye(3))
+    parts = [(*ROOM, bench, *body(0.0, z)) for z in np.linspace(-0.2, 0.4, 8)]
+    frames = [picture(FRONT, *each, seed=k) for k, each in enumerate(parts)]
+    frames = [np.where(frame < 3.0, frame, np.float32(0.0)) for frame in frames]
+    assert all(np.count_nonzero(frame) < 0.5 * frame.size for frame in frames)
+    model = learn_background(None, frames, FRONT, 0.0)
+    assert model.source == BackgroundSource.RECORDING
+    expected = in_front(FRONT, bench, *body(0.0, 0.4)) & ~in_front(FRONT, bench)
+    found = foreground(frames[-1], model) & (model.depth_m > 0)
+    assert found[expected & (model.depth_m > 0)].mean() > 0.9
+    assert found[~expected].mean() < 0.01
+
+
+def pitched(turn_deg: float, axis: str) -> np.ndarray:
+    """The image of the empty room of a camera that has since been turned to the pose of FRONT."""
+    pose = FRONT.require_pose().copy()
+    pose[:3, :3] @= Rotation.from_euler(axis, turn_deg, degrees=True).as_matrix()
+    return picture(replace(FRONT, T_world_camera=pose), *ROOM, seed=99)
+
+
+WALK = [picture(FRONT, *ROOM, *body(0.0, z), seed=k) for k, z in enumerate(np.linspace(-1.0, 1.0, 8))]
+
+
+@pytest.mark.parametrize(
+    ("axis", "turn_deg"), [("x", 0.25), ("x", -0.25), ("x", 1.0), ("x", -1.0), ("y", 3.0), ("x", 5.0), ("y", -5.0)]
+)
+def test_a_picture_from_before_the_camera_moved_is_outdated_in_either_direction(axis, turn_deg):
+    assert is_outdated(pitched(turn_deg, axis), WALK, FRONT)
+
+
+BED = Box("bed", np.array([-0.6, 0.3, 1.0]), np.array([0.9, 0.6, 0.9]), np.eye(3))
+
+
+@pytest.mark.parametrize("parts", [(), (BED,)], ids=["as it was", "a bed was there"])
+@pytest.mark.parametrize("width_px", [1, 11], ids=["sharp", "filtered"])
+def test_noise_people_and_furniture_do_not_make_a_picture_outdated(parts, width_px):
+    frames = [filtered(frame, width_px) for frame in WALK]
+    assert not is_outdated(filtered(picture(FRONT, *ROOM, *parts, seed=99), width_px), frames, FRONT)
+
+
+def test_a_turn_of_less_than_noise_does_not_make_a_picture_outdated():
+    assert not is_outdated(pitched(0.05, "x"), WALK, FRONT)
+
+
+def test_a_single_frame_does_not_show_that_a_picture_is_outdated():
+    """Its noise is unknown, and so is the noise of images without readings."""
+    assert not is_outdated(pitched(1.0, "x"), WALK[:1], FRONT)
+    assert not is_outdated(pitched(1.0, "x"), [np.zeros_like(WALK[0])] * 2, FRONT)
 
 
 FRAME = EquipmentModel(

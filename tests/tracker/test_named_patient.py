@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from viewer_builder import write_small_recording, write_small_results
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.clocks import ClockConfig, clock_notes, clocks_of_results
 from anchorpose.errors import InputError
+from anchorpose.isolation.people import Person
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pipeline import track_recording
@@ -31,6 +33,8 @@ from anchorpose.track_inputs import TrackInputs, UserInputs, read_inputs
 from anchorpose.tracker import preparation
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.preparation import settle
+from anchorpose.tracker.room import NO_REVIEW
+from anchorpose.tracker.sighting import SeenPerson, Sighting
 from anchorpose.viewer.depth_frames import open_depth_frames
 
 SIGNED = {"reason": "the therapist", "who": "AB", "when": "2026-03-01T09:30:00Z"}
@@ -163,6 +167,41 @@ def test_who_is_named_plays_no_part_in_finding_the_world(reviewed: Reviewed, mon
     assert found.config.patient_frame == 7
     preparation.calibrate(found.recording, (), found.config)
     assert [(config.patient_xz_m, config.patient_frame) for config in asked] == [(None, None)]
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A recording of 40 frames, numbered from 100, in which the same person stands at one place."""
+
+    def seen(position: int, scenes: tuple) -> Sighting:
+        return Sighting(100 + position, (SeenPerson(Person(np.zeros(2), 0.0, 1.7, 0.6), None),), (None,))
+
+    monkeypatch.setattr(preparation, "read_frame", lambda _, position: position)
+    monkeypatch.setattr(preparation, "without_other_places", lambda position, _: position)
+    monkeypatch.setattr(preparation, "sight_people", seen)
+    stream = SimpleNamespace(files=range(40), frame=np.arange(100, 140))
+    return SimpleNamespace(folder=Path("monday"), streams=(stream,))
+
+
+@pytest.mark.parametrize(("start", "stop", "count"), [(0, None, 13), (20, None, 7), (0, 21, 7), (18, 23, 5)])
+def test_tracking_of_a_part_begins_within_this_part(
+    alone: SimpleNamespace, start: int, stop: int | None, count: int
+) -> None:
+    """Of the 13 frames around the named frame, some lie outside of the tracked range."""
+    config = TrackConfig(start=start, stop=stop, patient_xz_m=(0.0, 0.0), patient_frame=120)
+    found = preparation._frames_of_named(alone, (), config, 120, NO_REVIEW)
+    assert len(found) == count
+    assert {one.frame for one in found} <= set(range(40)[start:stop])
+
+
+@pytest.mark.parametrize(("start", "stop"), [(21, None), (0, 20)])
+def test_a_place_in_a_frame_that_is_not_tracked_is_refused(
+    alone: SimpleNamespace, start: int, stop: int | None
+) -> None:
+    config = TrackConfig(start=start, stop=stop, patient_xz_m=(0.0, 0.0), patient_frame=120)
+    first, last = 100 + start, 99 + (stop or 40)
+    with pytest.raises(InputError, match=f"from frame {first} to {last}, but .* in frame 120; give a frame of this"):
+        preparation._frames_of_named(alone, (), config, 120, NO_REVIEW)
 
 
 @pytest.mark.slow

@@ -151,9 +151,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # The floor's height is taken in the middle of the camera's view: extrapolated to the point below the camera, it
-        # would change much with a small error of the tilt.
-        ahead = floor.height_m / max(0.2, float(-floor.up @ [0.0, 0.0, 1.0])) * np.array([0.0, 0.0, 1.0])
+        # The floor's height is taken where the patient usually is. Below the camera, or where a level camera's optical
+        # axis meets the floor behind the wall, a small error of the tilt would change the height more.
+        ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
     records = tuple(PoseRecord(camera.name, PoseSource.GIVEN) for camera in cameras)

@@ -87,7 +87,7 @@ def _detail(camera: Camera, frames_m: Sequence[np.ndarray], at_m: float) -> OfCa
 
 
 def _room(camera: Camera, frames_m: Sequence[np.ndarray]) -> OfCamera:
-    if frames_m and all(people_only(frame) for frame in frames_m):
+    if frames_m and people_only(frames_m, camera):
         return OfCamera(camera.name, Level.YELLOW, "the people alone, without the room", "record the whole depth image")
     missing = float(np.median([_missing(frame, camera) for frame in frames_m])) if frames_m else 1.0
     level, measured = level_of(missing, SOME_GONE, MOST_GONE), f"{100 * missing:.0f} % of the image without one"
@@ -125,7 +125,7 @@ def _disturbed(camera: Camera, frames_m: Sequence[np.ndarray]) -> np.ndarray:
     noise = np.array([noise_per_m([frame]) if np.count_nonzero(frame) else np.inf for frame in frames_m])
     missing = np.array([_missing(frame, camera) for frame in frames_m])
     emptier = missing > np.median(missing) + GONE
-    if all(people_only(frame) for frame in frames_m):
+    if people_only(frames_m, camera):
         emptier[:] = False
     return np.asarray((noise > BURST * np.median(noise)) | emptier)
 

@@ -34,6 +34,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 from anchorpose.tracker.look import Look
+from anchorpose.tracker.preparation import OUTDATED
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
@@ -221,7 +222,7 @@ def check_patient(material: Material) -> list[Finding]:
     found = [_found(look)]
     if material.patient:
         found += [_whole(material), _distance(material), _hidden(material)]
-    return [*found, _others(look), _mirrors(look), _empty_room(look)]
+    return [*found, _others(look), _mirrors(look), _empty_room(look, material.recording.backgrounds_m)]
 
 
 def _found(look: Look) -> Finding:
@@ -327,11 +328,14 @@ def _mirrors(look: Look) -> Finding:
     return Finding("mirrors", Level.GREEN, "none found")
 
 
-def _empty_room(look: Look) -> Finding:
+def _empty_room(look: Look, recorded_m: Sequence[np.ndarray | None]) -> Finding:
+    """Return a finding on the depth images of the empty room. recorded_m: one per camera, None without such an image;
+    an image that does not fit the recording was not used.
+    """
     parts, remedy = [], "record a depth image with the equipment in place and nobody in view, as background.png"
-    for scene in look.scenes:
+    for scene, room_m in zip(look.scenes, recorded_m, strict=True):
         given = scene.background.source is BackgroundSource.PICTURE
-        measured = "recorded" if given else "no picture of it"
+        measured = "recorded" if given else "no picture of it" if room_m is None else OUTDATED
         parts.append(OfCamera(scene.camera.name, Level.GREEN if given else Level.YELLOW, measured, remedy))
     return of_cameras("empty room", parts)
 

@@ -204,14 +204,14 @@ def measure_detail(frames_m: Sequence[np.ndarray], camera: Camera) -> DepthDetai
     """Measure edge width and depth steps on one camera's frames (height, width) float32 metres, 0 = no reading.
 
     A slanted surface between two flat surfaces looks like a wide edge. In an image without readings behind the people,
-    such surfaces may outnumber the edges. So if edges seem wide, the outlines of people alone are measured, unless
-    these are too few.
+    such surfaces may outnumber the edges. So if edges seem wide, the outlines of people alone are measured. If too few
+    outlines have readings behind them, edges count as sharp, since a filter draws no ramp to a surface without
+    readings.
     """
     chosen = frames_m[:: max(1, len(frames_m) // FRAMES)]
     edge_px = smear_px(chosen) or 0
     if edge_px:
-        outline_px = smear_px(chosen, [people_mask(depth, camera) for depth in chosen])
-        edge_px = edge_px if outline_px is None else outline_px
+        edge_px = smear_px(chosen, [people_mask(depth, camera) for depth in chosen]) or 0
     return DepthDetail(max(edge_px, SHARP_EDGE_PX), camera.intrinsics.fx, step_per_m(frames_m))
 
 

@@ -15,10 +15,19 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from anchorpose.calibration.first_frames import FRAMES_NEEDED, MAD_OF_NORMAL, SAME_M, noise_per_m, people_only
+from anchorpose.calibration.first_frames import (
+    FRAMES_NEEDED,
+    MAD_OF_NORMAL,
+    NEARER_M,
+    SAME_M,
+    noise_per_m,
+    people_only,
+    step_per_m,
+)
 from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.people import people_mask
 from anchorpose.isolation.background import (
+    BACKGROUND_GATE,
     EQUIPMENT_GATE,
     EQUIPMENT_TOLERANCE_M,
     BackgroundModel,
@@ -58,6 +67,10 @@ HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equi
 # m above the floor; lower surfaces count as floor. The floor's plane may have an error of this height; a foot is three
 # times as high.
 SOLE_M: Final = 0.015
+# maximum share of the image's blocks in which readings of the room differ from the image of the empty room by more than
+# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a pitch
+# of 0.25 degrees, the floor differs: 0.35 of the image
+OUTDATED_SHARE: Final = 0.1
 
 
 def learn_background(
@@ -82,7 +95,7 @@ def learn_background(
         sigma = _at_least_a_step(_noise_behind(depth, frames_m, noise), depth, detail.step_per_m)
         law = measure_noise(depth, sigma, frames_m, camera, noise)
         return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.PICTURE)
-    if all(people_only(frame) for frame in frames_m):
+    if people_only(frames_m, camera):
         nothing = np.zeros_like(frames_m[0], dtype=np.float32)
         sensor = _sensor(replace(detail, edge_px=SHARP_EDGE_PX), noise, neighbour_noise(noise))
         return BackgroundModel(nothing, nothing, sensor, BackgroundSource.REMOVED)
@@ -91,6 +104,30 @@ def learn_background(
         sigma = _at_least_a_step(sigma, depth, detail.step_per_m)
     law = measure_noise(depth, sigma, frames_m, camera, noise)
     return BackgroundModel(depth, sigma, _sensor(detail, noise, law), BackgroundSource.RECORDING)
+
+
+def is_outdated(empty_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> bool:
+    """Return whether the camera, or much of the room, has moved since the image of the empty room was taken.
+
+    empty_m, frames_m: as for ``learn_background``. If so, readings of the room differ from the image by more than noise
+    in many image blocks. In each block, the signed difference is computed as a median, in which noise averages out.
+    Readings farther than ``NEARER_M`` from the image show people or furniture and are left out. Return False if the
+    noise cannot be measured, for example from a single frame.
+    """
+    try:
+        noise = noise_per_m(frames_m)
+    except ValueError:
+        return False
+    depth = _fill_specks(empty_m.astype(np.float32))
+    law = measure_noise(depth, _noise_behind(depth, frames_m, noise), frames_m, camera, noise)
+    if not law.measured:
+        return False
+    known = np.where(depth > 0, depth, np.float32(1.0))
+    # two grey values that differ by one step may stand for the same depth
+    sigma = np.maximum(law.sigma_m(known), step_per_m(frames_m) * known**2)
+    near = [(depth > 0) & (frame > 0) & (np.abs(frame - depth) < NEARER_M) for frame in frames_m]
+    off = [np.where(here, (frame - depth) / sigma, np.nan) for here, frame in zip(near, frames_m, strict=True)]
+    return bool(np.mean(np.abs(_block_median(np.stack(off))) > BACKGROUND_GATE) > OUTDATED_SHARE)
 
 
 def _sensor(detail: DepthDetail, noise: float, law: DepthNoise) -> Sensor:

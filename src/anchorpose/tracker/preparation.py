@@ -18,12 +18,12 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel
-from anchorpose.isolation.empty_room import learn_background
+from anchorpose.isolation.empty_room import is_outdated, learn_background
 from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.isolation.view import PixelLabel
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording, align_clocks
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks, depths_of
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
@@ -40,6 +40,7 @@ BLIND_SAMPLES = 3
 # number of frames examined before, and as many after, the frame in which the user gave the patient's place; meanwhile a
 # person walks only half a step
 AROUND: Final = 6
+OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
 
@@ -72,8 +73,33 @@ def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW
     """Find the clocks and poses of all cameras. Poses make the clocks more precise, and clocks make poses that are
     found from people more precise, so both are found in turn.
 
-    Clocks and floor of reviewed results are used unchanged. Raises InputError if a pose cannot be found.
+    Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
+    recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.
     """
+    recording, notes = _without_outdated_rooms(recording, config)
+    settled = _settled_in_turn(recording, config, review)
+    calibration = settled.calibration
+    return replace(settled, calibration=replace(calibration, notes=(*calibration.notes, *notes)))
+
+
+def _without_outdated_rooms(recording: Recording, config: TrackConfig) -> tuple[Recording, tuple[str, ...]]:
+    """Return the recording without depth images of the empty room from before a camera or its room moved, and a
+    sentence on each of these cameras.
+    """
+    if all(room is None for room in recording.backgrounds_m):
+        return recording, ()
+    _, samples = sample_recording(recording, config)
+    rooms, notes = list(recording.backgrounds_m), []
+    for number, (camera, room) in enumerate(zip(recording.cameras, recording.backgrounds_m, strict=True)):
+        frames = depths_of(samples, number)
+        if room is not None and frames and is_outdated(room, frames, camera):
+            rooms[number] = None
+            notes.append(f"camera {camera.name}: {OUTDATED}, so this image is not used; record the empty room again")
+    return replace(recording, backgrounds_m=tuple(rooms)), tuple(notes)
+
+
+def _settled_in_turn(recording: Recording, config: TrackConfig, review: Review) -> Settled:
+    """Find the clocks and poses as ``settle`` does, with all depth images of the empty room."""
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
     if not unplaced:
@@ -179,13 +205,17 @@ def _frames_of_named(
     recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int, review: Review
 ) -> tuple[InitialFrame, ...]:
     """Return the possible initial frames for a patient whose place in one frame is given: this frame, and frames just
-    before and after it.
+    before and after it, within the tracked range.
 
-    The result is empty if no person stands at the given place in this frame. Raises InputError if the recording has no
-    frame ``frame``.
+    The result is empty if no person stands at the given place in this frame. Raises InputError if the tracked range
+    has no frame ``frame``.
     """
-    here, last = _position(recording, frame), len(recording.streams[0].files)
-    positions = range(max(here - AROUND, 0), min(here + AROUND + 1, last))
+    here, tracked = _position(recording, frame), range(len(recording.streams[0].files))[config.start : config.stop]
+    if here not in tracked:
+        first, last = (recording.streams[0].frame[tracked[k]] for k in (0, -1))
+        problem = f"is tracked from frame {first} to {last}, but the patient's place is given in frame {frame}"
+        raise InputError(recording.folder, problem, "give a frame of this range after the @, or track more frames")
+    positions = range(max(here - AROUND, tracked.start), min(here + AROUND + 1, tracked.stop))
     sightings = [sight_people(without_other_places(read_frame(recording, k), scenes), scenes) for k in positions]
     named = named_patient(sightings, here - positions.start, np.array(config.patient_xz_m))
     if named is None:
