@@ -53,6 +53,19 @@ class Review:
     depth_frames: DepthFrames | None
 
     @property
+    def first_s(self) -> float:
+        """Return the time from which the page counts seconds: that of the recording's first frame, or of the first
+        tracked frame if ``run.json`` does not state when the recording began.
+        """
+        recorded = self.run.get("recorded")
+        return float(recorded["first_s"] if recorded else self.joints.time_s[0])
+
+    @property
+    def first_s_is_known(self) -> bool:
+        """Return whether ``first_s`` is the time of the recording's first frame."""
+        return bool(self.run.get("recorded")) or not (self.run.get("config") or {}).get("start")
+
+    @property
     def matched_share(self) -> np.ndarray:
         """Return (n,) share of the followed surface points that were matched in the next frame; NaN without such
         points.
@@ -104,6 +117,8 @@ def describe(review: Review) -> dict[str, Any]:
         **describe_scene(review),
         "name": review.name,
         "recording": review.run["recording"],
+        "first_s": review.first_s,
+        "first_s_is_known": review.first_s_is_known,
         "angles": list(review.angles.names),
         "contacts": [
             {**as_json(contact), "state": contact.state, "toucher": contact.toucher} for contact in review.contacts
