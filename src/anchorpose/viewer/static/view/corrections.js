@@ -55,16 +55,23 @@ export class Corrections extends EventTarget {
   async add(entry) {
     const newest = ({ unusable, joints, patient }) => ("joint" in entry ? joints.at(-1) : "first_frame" in entry ? unusable.at(-1) : patient);
     try {
-      const held = await postJson("corrections/add", entry);
-      this.done.push(newest(held));
+      const { refused, ...held } = await postJson("corrections/add", { ...entry, replaces: this.replacedBy(entry) });
+      if (!refused) this.done.push(newest(held));
       this.take(held);
-      this.say("Saved.");
-      return true;
+      this.say(refused ?? "Saved.");
+      return !refused;
     } catch (error) {
       this.say(error.message);
       this.changed();
       return false;
     }
+  }
+
+  /** The correction that an entry replaces, as far as this page knows; null for none. */
+  replacedBy(entry) {
+    const { joints, patient } = this.held;
+    if ("joint" in entry) return joints.find(({ frame, joint }) => frame === entry.frame && joint === entry.joint) ?? null;
+    return "position_m" in entry ? patient : null;
   }
 
   async takeBack(entry) {
