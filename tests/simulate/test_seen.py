@@ -38,6 +38,22 @@ def test_a_person_who_passes_hides_the_patient_for_a_while_and_the_truth_counts_
     assert (labels == label).sum() > 2000
 
 
+def test_a_late_camera_counts_with_the_image_of_the_truths_moment_and_a_missing_image_with_none(tmp_path):
+    late = replace(PASSED, seed=2, seconds=3.0, fps=2.0, cameras=2, therapists=0, passers_by=0)
+    lossy = replace(late, clock_late_s=(0.0, 1.0), dropped_share=0.3)
+    simulate_recording(tmp_path / "even", late)
+    simulate_recording(tmp_path / "late", lossy)
+    even, shifted = (np.load(tmp_path / name / "truth/truth.npz") for name in ("even", "late"))
+    there = np.isin(even["time"], shifted["taken_s"][1])
+    assert not there[:2].any(), "the late camera had no image yet"
+    assert not there[2:].all(), "an image was lost"
+    assert there[2:].any()
+    np.testing.assert_array_equal(shifted["seen_share"][..., 0], even["seen_share"][..., 0])
+    expected = np.where(there[:, None], even["seen_share"][..., 1], 0.0)
+    np.testing.assert_allclose(shifted["seen_share"][..., 1], expected, atol=1e-6)
+    np.testing.assert_array_equal(shifted["patient_pixels"] < even["patient_pixels"], ~there)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_who_passes_by_comes_from_outside_and_crosses_before_the_camera(seed):
     clinic = draw_clinic(replace(PASSED, seed=seed, cameras=3, therapists=0, passers_by=0))

@@ -62,6 +62,26 @@ def test_undoing_a_second_correction_brings_the_first_one_back(viewer: Any, serv
     until(viewer, lambda: not file_of(server).joints)
 
 
+def test_a_page_shows_what_another_reviewer_corrected_before_it_replaces_it(viewer: Any, server: ViewerServer) -> None:
+    joint = viewer.evaluate("anchorpose.description.joints[0]")
+    server.api.corrections.add(
+        {"frame": 0, "joint": joint, "position_m": [0.1, 0.9, 0.0], "sigma_m": 0.02, "reason": "theirs", "who": "CD"}
+    )
+    for key in ("]", "e", "ArrowRight", "Enter"):
+        viewer.keyboard.press(key)
+    viewer.fill("#sign-reason", "mine")
+    viewer.fill("#sign-who", "AB")
+    viewer.press("#sign-reason", "Enter")
+    until(viewer, lambda: "CD corrected this joint meanwhile" in viewer.locator("#status").inner_text())
+    viewer.click("#tab-correct")
+    assert "theirs (CD)" in viewer.locator("#corrections").inner_text()
+    assert not file_of(server).withdrawn
+    viewer.click("#joint-save")
+    sign(viewer, "mine")
+    (found,) = file_of(server).joints
+    assert (found.reason, file_of(server).withdrawn[0].entry.reason) == ("mine", "theirs")
+
+
 def test_a_joint_is_put_on_the_point_that_is_clicked(viewer: Any, server: ViewerServer) -> None:
     for key in ("]", "e", "s"):
         viewer.keyboard.press(key)

@@ -221,7 +221,8 @@ def test_a_pixel_that_there_is_not_is_refused(server: ViewerServer, query: str, 
 def test_who_the_patient_is_can_be_changed_and_taken_back(server: ViewerServer) -> None:
     first, second = ({**PATIENT, "frame": frame, "position_m": [0.1, 1.0, z]} for frame, z in ((4, 0.0), (7, 0.5)))
     assert tell(server, "corrections/add", first)[1]["patient"]["time_s"] == pytest.approx(4 / 15, abs=1e-6)
-    _, held = tell(server, "corrections/add", second)
+    held = json.loads(ask(server, "corrections")[1])
+    _, held = tell(server, "corrections/add", {**second, "replaces": held["patient"]})
     found = read_corrections(server.api.corrections.path)
     assert (found.patient.frame, found.patient.xz_m) == (7, (0.1, 0.5))
     assert [each.entry.frame for each in found.withdrawn] == [4]
@@ -230,6 +231,28 @@ def test_who_the_patient_is_can_be_changed_and_taken_back(server: ViewerServer) 
     _, held = tell(server, "corrections/take-back", {"entry": held["patient"], "who": "CD"})
     assert held["patient"] is None
     assert [each.entry.frame for each in read_corrections(server.api.corrections.path).withdrawn] == [7, 4]
+
+
+@pytest.mark.parametrize(
+    ("entry", "kind", "told"),
+    [(KNEE, "joints", "AB corrected this joint"), (PATIENT, "patient", "AB named the patient")],
+)
+def test_a_correction_that_a_second_reviewer_has_not_seen_is_not_replaced(
+    server: ViewerServer, entry: dict[str, Any], kind: str, told: str
+) -> None:
+    _, first = tell(server, "corrections/add", entry)
+    other = {**entry, "position_m": [0.3, 0.5, 0.0], "who": "CD"}
+    _, answer = tell(server, "corrections/add", {**other, "replaces": None})
+    assert answer == {**first, "refused": f"{told} meanwhile; look at it and save again."}
+    seen = first[kind] if kind == "patient" else first[kind][0]
+    _, second = tell(server, "corrections/add", {**other, "replaces": seen})
+    assert "refused" not in second
+    assert len(read_corrections(server.api.corrections.path).withdrawn) == 1
+    now = second[kind] if kind == "patient" else second[kind][0]
+    tell(server, "corrections/take-back", {"entry": now, "who": "CD"})
+    tell(server, "corrections/take-back", {"entry": seen, "who": "AB"})
+    _, answer = tell(server, "corrections/add", {**other, "replaces": seen})
+    assert "was withdrawn meanwhile" in answer["refused"]
 
 
 def test_two_who_correct_at_once_lose_nothing(server: ViewerServer) -> None:

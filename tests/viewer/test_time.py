@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, UNSURE_FRAME, viewer_of
+from recording_builder import edit_json
+from viewer_builder import FRAMES, LOST_FRAME, PERIOD_S, UNSURE_FRAME, viewer_of, write_small_session
 from viewer_page import opened, position, scene_picture, until
 
 pytestmark = pytest.mark.thorough
@@ -61,6 +62,41 @@ def test_scrubbing_moves_everything_in_step(viewer: Any) -> None:
     knee = viewer.evaluate("anchorpose.rows.at(40).angles[anchorpose.description.angles.indexOf('knee_flexion_left')]")
     shown = viewer.locator(".chart", has_text="knee flexion").inner_text()
     assert f"left {knee:.0f}°" in shown
+
+
+@pytest.mark.parametrize(
+    ("more", "told", "first_s"),
+    [
+        ({"recorded": {"first_s": -300.0, "end_s": 9.0}, "config": {"start": 4500}}, "the first frame", -300.0),
+        ({"config": {"start": 4500}}, "the first tracked frame", 0.0),  # results of an older release
+    ],
+)
+def test_clock_lists_and_ticks_count_from_the_same_frame(
+    page: Any, tmp_path: Path, more: dict[str, Any], told: str, first_s: float
+) -> None:
+    results, _ = write_small_session(tmp_path)
+    edit_json(results / "run.json", lambda run: run.update(more))
+    with viewer_of(results) as server:
+        server.api.corrections.add(
+            {"first_frame": LOST_FRAME, "last_frame": LOST_FRAME, "reason": "a curtain", "who": "AB"}
+        )
+        page.add_init_script(TICKS)
+        opened(page, server)
+        page.keyboard.press("w")
+        time = f"{LOST_FRAME * PERIOD_S - first_s:.2f}"
+        assert page.locator("#clock").inner_text().startswith(f"{time} of {(FRAMES - 1) * PERIOD_S - first_s:.2f} s")
+        assert page.locator("#worst [aria-current=true] time").inner_text() == f"{time} s"
+        page.click("#tab-correct")
+        assert page.locator("#corrections").inner_text().startswith(f"{time} s unusable to {time} s")
+        assert f"{1 - first_s:.0f} s" in page.evaluate("ticks")
+        assert page.locator("#time-origin").inner_text() == f"Times: seconds since {told} of the recording."
+
+
+TICKS = (  # keeps the words that are drawn on canvases
+    "const fill = CanvasRenderingContext2D.prototype.fillText; window.ticks = [];"
+    " CanvasRenderingContext2D.prototype.fillText = function (text, ...place)"
+    " { window.ticks.push(String(text)); return fill.call(this, text, ...place); };"
+)
 
 
 def test_a_click_on_a_curve_or_the_timeline_goes_there(viewer: Any) -> None:

@@ -205,14 +205,18 @@ class Corrections:
         """Return all valid corrections."""
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
+    def same_subject(self, entry: Correction) -> Correction | None:
+        """Return the valid entry that ``added`` would replace by ``entry``; None if ``added`` would replace none."""
+        about = _subject(entry)
+        return next((old for old in self.valid if about is not None and _subject(old) == about), None)
+
     def added(self, entry: Correction) -> Corrections:
         """Return the corrections with one more entry. The new entry replaces (withdraws) an earlier entry about the
         same joint in the same frame; a new entry that names the patient replaces the earlier one.
         """
-        about = _subject(entry)
-        same = [old for old in self.valid if about is not None and _subject(old) == about]
-        replaced = (Withdrawal(old, entry.who, entry.when) for old in same)
-        return self._holding((*(old for old in self.valid if old not in same), entry), (*self.withdrawn, *replaced))
+        same = self.same_subject(entry)
+        replaced = () if same is None else (Withdrawal(same, entry.who, entry.when),)
+        return self._holding((*(old for old in self.valid if old != same), entry), (*self.withdrawn, *replaced))
 
     def taken_back(self, withdrawal: Withdrawal) -> Corrections:
         """Return the corrections without the entry of ``withdrawal``, which moves to ``withdrawn``; an entry that it

@@ -37,7 +37,7 @@ class Shot:
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
     seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
-    behind_passers: float  # share of the patient's pixels that passers-by hide, maximum over the cameras
+    behind_passers: np.ndarray  # (cameras,), share of the patient's pixels that passers-by hide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class Studio:
         if self.in_hole[frame]:
             depths = _with_hole(clinic, images, depths)
         return Shot(
-            figures[id(self.performances[0])], tuple(images), tuple(depths), np.stack(seen, axis=1), max(behind)
+            figures[id(self.performances[0])], tuple(images), tuple(depths), np.stack(seen, axis=1), np.array(behind)
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:

@@ -84,13 +84,13 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
             _write_reading(recording / camera.name / "depth", records[index], frame, shot.depths_mm[index])
             _write_png(truth / "labels" / camera.name / name, image.label)
             _write_png(truth / "parts" / camera.name / name, image.part)
-        patient_pixels.append(sum(int((image.label == PATIENT).sum()) for image in shot.images))
+        patient_pixels.append([int((image.label == PATIENT).sum()) for image in shot.images])
         contacts.append(touches(clinic, studio.performances[0], shot.figures, frame))
         seen.append(shot.seen_share)
         behind.append(shot.behind_passers)
         if progress is not None:
             progress(frame + 1, config.frames)
-    sight = Sight(np.array(patient_pixels), np.array(seen), studio.in_hole | (np.array(behind) > PASSER_HIDES))
+    sight = Sight(np.array(patient_pixels), np.array(seen), np.array(behind), studio.in_hole)
     _write_truth(truth / "truth.npz", studio, records, sight, contacts)
 
 
@@ -120,18 +120,35 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The patient's visibility in each frame; ``_write_truth`` describes the arrays."""
+    """The patient's visibility in each camera's images, in order of their numbers."""
 
-    patient_pixels: np.ndarray  # (t,)
+    patient_pixels: np.ndarray  # (t, cameras)
     seen_share: np.ndarray  # (t, 21, cameras)
-    occluded: np.ndarray  # (t,) bool
+    behind_passers: np.ndarray  # (t, cameras)
+    in_hole: np.ndarray  # (t,) bool
+
+    def at(self, time_s: np.ndarray, records: tuple[Record, ...], within_s: float) -> Sight:
+        """Return the visibility at times (t,). Each camera counts with its image that was taken nearest to the time,
+        within ``within_s``; without such an image, it counts as a camera that sees nothing.
+        """
+        nearest = [record.nearest(time_s, within_s) for record in records]
+        image, there = (np.stack(parts, axis=1) for parts in zip(*nearest, strict=True))  # (t, cameras)
+        camera = np.arange(len(records))
+        return Sight(
+            np.where(there, self.patient_pixels[image, camera], 0),
+            np.where(there[:, None], self.seen_share[image, :, camera].swapaxes(1, 2), 0.0),
+            np.where(there, self.behind_passers[image, camera], 0.0),
+            (self.in_hole[image] & there).any(axis=1),
+        )
 
 
 def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight: Sight, contacts: list[Touch]) -> None:
     """Write the truth with which tracking is compared. Its t frames are the frames of the first camera; places are in
     metres, world.
 
-    occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera.
+    occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera. This,
+    patient_pixels and seen_share are of the image on the disk that each camera took nearest to the frame's time, within
+    half a frame period; a camera without such an image sees nothing.
     In addition to the keys of the file format, the file has these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
@@ -150,6 +167,8 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     """
     clinic, config, performance = studio.clinic, studio.clinic.config, studio.performances[0]
     person = clinic.patient.person
+    time_s = np.arange(config.frames) / config.fps
+    sight = sight.at(time_s, records, 0.5 / config.fps)
     poses = np.array([camera.require_pose() for camera in clinic.cameras])
     extra: dict[str, Any] = {} if clinic.scene is None else {"camera_to_world": poses}
     if isinstance(clinic.patient, SessionPatient):
@@ -160,9 +179,9 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
         path,
         joints=performance.joints_m(),
         names=np.array(JOINT_NAMES),
-        time=np.arange(config.frames) / config.fps,
-        occluded=sight.occluded,
-        patient_pixels=sight.patient_pixels,
+        time=time_s,
+        occluded=sight.in_hole | (sight.behind_passers > PASSER_HIDES).any(axis=1),
+        patient_pixels=sight.patient_pixels.sum(axis=1),
         seen_share=sight.seen_share.astype(np.float32),
         touched=np.array([contact.bones for contact in contacts]),
         touched_joints=np.array([contact.joints for contact in contacts]),
@@ -176,7 +195,7 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
         clock_drift=np.array(config.clock_drift or [0.0] * config.cameras),
         clock_epoch=np.array(config.clock_epoch_s or [0.0] * config.cameras),
         taken_s=np.array([np.where(record.kept, record.taken_s, np.nan) for record in records]),
-        doubled=np.array([record.kept & (record.shown < np.arange(config.frames)) for record in records]),
+        doubled=np.array([record.doubled for record in records]),
         shape_coefficients=person.coefficients,
         height_m=person.height_m,
         **extra,
@@ -191,6 +210,19 @@ class Record:
     shown: np.ndarray  # int64, number of the image that the file contains; an earlier image if the file is doubled
     stamp_s: np.ndarray  # float64, time in timestamps.csv
     taken_s: np.ndarray  # float64, when the image in the file was taken
+
+    @property
+    def doubled(self) -> np.ndarray:
+        """Return (t,) bool: whether the image on the disk repeats an earlier image."""
+        return self.kept & (self.shown < np.arange(len(self.shown)))
+
+    def nearest(self, time_s: np.ndarray, within_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the number (t,) of the image taken nearest to each time (t,), and whether (t,) it was taken within
+        ``within_s`` of it. Missing images and repeats do not count.
+        """
+        images = np.flatnonzero(self.kept & ~self.doubled)
+        away_s = np.abs(self.taken_s[images] - time_s[:, None])
+        return images[away_s.argmin(axis=1)], away_s.min(axis=1) <= within_s
 
 
 def draw_record(clinic: Clinic, index: int) -> Record:

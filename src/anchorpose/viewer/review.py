@@ -18,7 +18,9 @@ from filelock import FileLock, Timeout
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.results.corrections import (
+    Correction,
     Corrections,
+    JointCorrection,
     now_utc,
     parse_correction,
     parse_withdrawal,
@@ -51,6 +53,19 @@ class Review:
     anchors: AnchorTable | None
     explained: ExplainedTable | None
     depth_frames: DepthFrames | None
+
+    @property
+    def first_s(self) -> float:
+        """Return the time from which the page counts seconds: that of the recording's first frame, or of the first
+        tracked frame if ``run.json`` does not state when the recording began.
+        """
+        recorded = self.run.get("recorded")
+        return float(recorded["first_s"] if recorded else self.joints.time_s[0])
+
+    @property
+    def first_s_is_known(self) -> bool:
+        """Return whether ``first_s`` is the time of the recording's first frame."""
+        return bool(self.run.get("recorded")) or not (self.run.get("config") or {}).get("start")
 
     @property
     def matched_share(self) -> np.ndarray:
@@ -104,6 +119,8 @@ def describe(review: Review) -> dict[str, Any]:
         **describe_scene(review),
         "name": review.name,
         "recording": review.run["recording"],
+        "first_s": review.first_s,
+        "first_s_is_known": review.first_s_is_known,
         "angles": list(review.angles.names),
         "contacts": [
             {**as_json(contact), "state": contact.state, "toucher": contact.toucher} for contact in review.contacts
@@ -253,6 +270,22 @@ def locked(path: Path) -> Iterator[None]:
         lock.release()
 
 
+class CorrectedMeanwhile(ValueError):
+    """The refusal of a correction whose reviewer has not seen the present one of the same joint, or of the patient.
+
+    current: all corrections at present.
+    """
+
+    def __init__(self, current: Corrections, refused: Correction) -> None:
+        of_joint, valid = isinstance(refused, JointCorrection), current.same_subject(refused)
+        if valid is None:
+            change = f"The correction of {'this joint' if of_joint else 'the patient'} was withdrawn"
+        else:
+            change = f"{valid.who} {'corrected this joint' if of_joint else 'named the patient'}"
+        super().__init__(f"{change} meanwhile; look at it and save again.")
+        self.current = current
+
+
 class CorrectionFile:
     """A file of corrections to which entries are added and from which they are withdrawn.
 
@@ -275,17 +308,24 @@ class CorrectionFile:
         require_recording(self.path, found, self.initial.recording)
         return found
 
-    def add(self, given: dict[str, Any]) -> Corrections:
+    def add(self, given: dict[str, Any], replaces: dict[str, Any] | None = None) -> Corrections:
         """Add a correction. The times of its frames and the present time, in the field ``when``, are filled in here.
-        Raises InputError if the correction cannot be added.
+
+        replaces: the valid correction of the same joint, or of the patient, exactly as in the file; None if the
+        reviewer saw none. Raises InputError if the correction cannot be added, CorrectedMeanwhile if another correction
+        than ``replaces`` is valid.
         """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
             if frame in given:
                 timed[time_key] = self._time_of(given[frame])
         entry = parse_correction(Path("correction"), timed)
+        seen = None if replaces is None else parse_correction(Path("correction"), replaces)
         with locked(self.path):
-            after = self.current().added(entry)
+            before = self.current()
+            if before.same_subject(entry) != seen:
+                raise CorrectedMeanwhile(before, entry)
+            after = before.added(entry)
             write_corrections(self.path, after)
         return after
 

@@ -20,7 +20,14 @@ from anchorpose.viewer import payloads
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.guarded_server import BYTES, VIEWER_PAGE, GuardedHandler, GuardedServer, Response, json_response
 from anchorpose.viewer.hypotheses import HypothesisWorker
-from anchorpose.viewer.review import CorrectionFile, Review, describe, open_review, valid_corrections
+from anchorpose.viewer.review import (
+    CorrectedMeanwhile,
+    CorrectionFile,
+    Review,
+    describe,
+    open_review,
+    valid_corrections,
+)
 
 
 class ReviewApi:
@@ -96,7 +103,7 @@ class ViewerApi(ReviewApi):
             "hypotheses/found": lambda query: self._hypotheses(),
         }
         self._post |= {
-            "corrections/add": lambda body: json_response(valid_corrections(self.corrections.add(body))),
+            "corrections/add": self._add,
             "corrections/take-back": lambda body: json_response(valid_corrections(self.corrections.take_back(body))),
             "hypotheses/start": self._start,
             "hypotheses/cancel": lambda body: self._cancel(),
@@ -105,6 +112,16 @@ class ViewerApi(ReviewApi):
     def close(self) -> None:
         """Stop computing hypotheses."""
         self.worker.cancel()
+
+    def _add(self, body: dict[str, Any]) -> Response:
+        """Add a correction. ``replaces`` in the body: as in ``CorrectionFile.add``. If another reviewer was first, the
+        answer has the present corrections and a sentence, ``refused``.
+        """
+        given = {name: value for name, value in body.items() if name != "replaces"}
+        try:
+            return json_response(valid_corrections(self.corrections.add(given, body.get("replaces"))))
+        except CorrectedMeanwhile as refusal:
+            return json_response({**valid_corrections(refusal.current), "refused": str(refusal)})
 
     def _progress(self) -> Response:
         return json_response(as_json(self.worker.status))

@@ -55,16 +55,23 @@ export class Corrections extends EventTarget {
   async add(entry) {
     const newest = ({ unusable, joints, patient }) => ("joint" in entry ? joints.at(-1) : "first_frame" in entry ? unusable.at(-1) : patient);
     try {
-      const held = await postJson("corrections/add", entry);
-      this.done.push(newest(held));
+      const { refused, ...held } = await postJson("corrections/add", { ...entry, replaces: this.replacedBy(entry) });
+      if (!refused) this.done.push(newest(held));
       this.take(held);
-      this.say("Saved.");
-      return true;
+      this.say(refused ?? "Saved.");
+      return !refused;
     } catch (error) {
       this.say(error.message);
       this.changed();
       return false;
     }
+  }
+
+  /** The correction that an entry replaces, as far as this page knows; null for none. */
+  replacedBy(entry) {
+    const { joints, patient } = this.held;
+    if ("joint" in entry) return joints.find(({ frame, joint }) => frame === entry.frame && joint === entry.joint) ?? null;
+    return "position_m" in entry ? patient : null;
   }
 
   async takeBack(entry) {
@@ -105,7 +112,7 @@ export class Corrections extends EventTarget {
     const rows = [
       ...(patient ? [{ entry: patient, frame: patient.frame, time: patient.time_s, text: `the patient is here: ${patient.reason}` }] : []),
       ...this.held.unusable.map((entry) => ({ entry, frame: entry.first_frame, time: entry.start_s,
-        text: `unusable to ${entry.end_s.toFixed(2)} s: ${entry.reason}` })),
+        text: `unusable to ${this.seconds(entry.end_s)} s: ${entry.reason}` })),
       ...this.held.joints.map((entry) => ({ entry, frame: entry.frame, time: entry.time_s, text: `${entry.joint}: ${entry.reason}` })),
     ].sort((a, b) => a.time - b.time);
     this.elements.list.replaceChildren(...rows.map((row) => this.item(row)));
@@ -113,9 +120,11 @@ export class Corrections extends EventTarget {
     this.elements.next.hidden = !rows.length;
   }
 
+  seconds(time) { return (time - this.description.first_s).toFixed(2); }
+
   item({ entry, frame, time, text }) {
     const item = document.createElement("li"), go = document.createElement("button"), away = document.createElement("button");
-    const stamp = Object.assign(document.createElement("time"), { textContent: `${time.toFixed(2)} s ` });
+    const stamp = Object.assign(document.createElement("time"), { textContent: `${this.seconds(time)} s ` });
     go.type = away.type = "button";
     go.append(stamp, `${text} (${entry.who})`);
     go.addEventListener("click", () => { this.playback.pause(); this.playback.seek(this.motion.frame.indexOf(frame)); });

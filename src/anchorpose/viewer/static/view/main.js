@@ -27,6 +27,8 @@ async function start() {
   document.title = `${description.name}: anchorpose viewer`;
   element("title").textContent = description.name;
   element("subtitle").textContent = `of ${description.recording}, ${description.frames} frames`;
+  element("time-origin").textContent = `Times: seconds since the first ${description.first_s_is_known ? "" : "tracked "}frame of the recording.`;
+  const seconds = (position) => motion.time_s[position] - description.first_s;
   const playback = new Playback(motion.time_s), view = new View(element("scene"), ...middleOf(meta));
   const frames = new Frames(description, rows, view, playback, say);
   const signing = new Signing(element("sign"), description.who);
@@ -62,7 +64,7 @@ async function start() {
   const worst = new WorstList([
     { list: element("unexplained"), worst: description.unexplained ?? [], numbered: true, nothing: "The body explains every frame." },
     { list: element("worst"), worst: description.worst, nothing: "Nothing stands out." },
-  ], motion, playback, (joint) => { if (joint !== null) mover.choose(joint); });
+  ], seconds, playback, (joint) => { if (joint !== null) mover.choose(joint); });
   element("unexplained-box").hidden = !description.unexplained;
   const hypotheses = new Hypotheses(view, playback, motion, {
     start: element("hypotheses-start"), cancel: element("hypotheses-cancel"), state: element("hypotheses-state"), legend: element("hypotheses-legend"),
@@ -77,8 +79,8 @@ async function start() {
   listKeys(element("key-list"), keys);
   listen(keys, () => document.querySelector("dialog[open]") !== null);
   transport(playback, () => {
-    const time = motion.time_s[playback.position] - motion.time_s[0], total = motion.time_s[playback.last] - motion.time_s[0];
-    return { clock: `${time.toFixed(2)} of ${total.toFixed(2)} s, frame ${motion.frame[playback.position]}`, spoken: `frame ${motion.frame[playback.position]}, ${time.toFixed(2)} seconds` };
+    const time = seconds(playback.position);
+    return { clock: `${time.toFixed(2)} of ${seconds(playback.last).toFixed(2)} s, frame ${motion.frame[playback.position]}`, spoken: `frame ${motion.frame[playback.position]}, ${time.toFixed(2)} seconds` };
   });
   element("worst-next").addEventListener("click", () => worst.next(1));
   element("span").addEventListener("change", (event) => axis.setSpan(Number(event.target.value)));

@@ -22,15 +22,15 @@ export function tabs(bar, shown) {
   return (id) => choose(document.getElementById(id), false);
 }
 
-/** groups: [{list, worst: [{position, reason, joint}], numbered, nothing}]: lists that are gone through one after the other. */
+/** groups: [{list, worst: [{position, reason, joint}], numbered, nothing}]: lists that are gone through one after the other. seconds(position): the time shown. */
 export class WorstList {
-  constructor(groups, motion, playback, choose) {
+  constructor(groups, seconds, playback, choose) {
     Object.assign(this, { playback, choose, at: -1, worst: groups.flatMap(({ worst }) => worst), buttons: [] });
     for (const { list, worst, numbered, nothing } of groups) {
       worst.forEach(({ position, reason }, i) => {
         const at = this.buttons.length, item = document.createElement("li"), button = Object.assign(document.createElement("button"), { type: "button" });
         if (numbered) button.append(Object.assign(document.createElement("b"), { textContent: i + 1 }));
-        button.append(Object.assign(document.createElement("time"), { textContent: `${motion.time_s[position].toFixed(2)} s` }), reason);
+        button.append(Object.assign(document.createElement("time"), { textContent: `${seconds(position).toFixed(2)} s` }), reason);
         button.addEventListener("click", () => this.go(at));
         item.append(button);
         list.append(item);

@@ -61,14 +61,15 @@ export class Timeline {
   }
 
   ticks(context, width, height) {
-    const span = this.axis.to - this.axis.from;
+    const span = this.axis.to - this.axis.from, first = this.description.first_s;
     const step = [0.2, 0.5, 1, 2, 5, 10, 30, 60, 120, 300, 600].find((size) => span / size <= (width - LEFT) / 70) ?? 1800;
     context.textAlign = "center";
-    for (let tick = Math.ceil(this.axis.from / step) * step; tick <= this.axis.to + 1e-9; tick += step) {
+    for (let tick = Math.ceil((this.axis.from - first) / step) * step; tick <= this.axis.to - first + 1e-9; tick += step) {
+      const x = this.x(first + tick);
       context.fillStyle = css("edge");
-      context.fillRect(this.x(tick), TOP - 4, 1, height - TOP + 4);
+      context.fillRect(x, TOP - 4, 1, height - TOP + 4);
       context.fillStyle = css("soft");
-      if (this.x(tick) < width - 16) context.fillText(`${Number(tick.toFixed(1))} s`, Math.max(LEFT + 8, this.x(tick)), 8);
+      if (x < width - 16) context.fillText(`${Number(tick.toFixed(1))} s`, Math.max(LEFT + 8, x), 8);
     }
   }
 
