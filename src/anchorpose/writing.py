@@ -289,16 +289,16 @@ def _patient(room: Room) -> PatientRecord | None:
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     """Return sentences that state which person was tracked, and with which body."""
-    if room.initial_frame is None:
+    patient = _patient(room)
+    if patient is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
-    choice = room.initial_frame.choice
-    x, z = choice.ground_xz_m
+    x, z = patient.xz_m
     notes = [
-        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.initial_frame.frame}, "
-        f"who {choice.reason}; tracking goes from there to both ends"
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {patient.frame}, "
+        f"who {patient.reason}; tracking goes from there to both ends"
     ]
-    if choice.rival_xz_m is not None:
-        x, z = choice.rival_xz_m
+    if patient.rival_xz_m is not None:
+        x, z = patient.rival_xz_m
         notes.append(
             f"the person at x {x:.2f} m, z {z:.2f} m may be the patient as well: look at the pictures, "
             f"and track again with --patient {x:.2f},{z:.2f} if so"
