@@ -12,7 +12,7 @@ import numpy as np
 
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.errors import InputError
-from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, recorded_span, sidecar_of
+from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, sidecar_of, span_of
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
@@ -109,7 +109,7 @@ def _read_events(recording: Recording, given: Path | None) -> Trials | None:
     """
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
-    return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
+    return None if path is None else read_trials(path, span_of(recording))
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:

@@ -228,7 +228,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # tracked span of the recording; None if all was tracked, and in older results
+    recorded: RecordedSpan | None = None  # span of the recording; None if the tracked frames show it
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
