@@ -34,6 +34,7 @@ def test_done_means_the_same_identity_never_that_a_file_exists(tmp_path: Path) -
     assert main(command) == 0
     assert json.loads(runs[0].read_text())["identity"] == document["identity"]
     assert runs[1].stat().st_mtime_ns == first[runs[1]]
+    assert main([*command, "--summary"]) == 0
     assert {row.state for row in SESSIONS.read(tmp_path / "out" / SESSIONS.file)} == {"done"}
     (session,) = find_sessions([str(tmp_path / "s3" / "recording")], TrackOptions(stop=3))
     assert track_session(session, runs[0].parent)  # other settings are another session
