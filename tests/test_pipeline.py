@@ -278,11 +278,19 @@ def test_the_sample_recordings_are_tracked(sample, bound_m, tmp_path):
     assert np.nanmean(errors) < bound_m
 
 
+def room_of_patient(frame: int) -> SimpleNamespace:
+    """A room of frames numbered from 1000, in which the patient was found at the position ``frame``."""
+    choice = SimpleNamespace(ground_xz_m=np.array([0.0, 1.0]), reason="is alone", rival_xz_m=None)
+    recording = SimpleNamespace(subject=UNKNOWN, streams=[SimpleNamespace(frame=np.arange(1000, 1010))])
+    return SimpleNamespace(initial_frame=SimpleNamespace(choice=choice, frame=frame), recording=recording)
+
+
+def test_the_note_on_the_patient_names_the_number_of_the_initial_frame():
+    assert "z 1.00 m in frame 1003, who is alone" in _notes(room_of_patient(3), None)[0]
+
+
 def test_an_undecided_facing_is_noted():
-    choice = SimpleNamespace(ground_xz_m=(0.0, 1.0), reason="is alone", rival_xz_m=None)
-    room = SimpleNamespace(
-        initial_frame=SimpleNamespace(choice=choice, frame=3), recording=SimpleNamespace(subject=UNKNOWN)
-    )
+    room = room_of_patient(3)
     shape = FittedShape(np.zeros(load_body_asset().shape_count), even_clothes(0.006))
     learnt = SimpleNamespace(shape=shape, contradiction="", turned=None)
     decided = _notes(room, learnt)

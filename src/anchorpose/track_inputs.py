@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.errors import InputError
-from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, recorded_span, sidecar_of
+from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, sidecar_of, span_of
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
@@ -82,9 +84,12 @@ class TrackInputs:
         return NO_REVIEW if self.review_file is None else review_of(self.review_file.corrections)
 
 
-def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInputs:
-    """Read and check all inputs; raises InputError if the recording cannot be used, or if a user's file does not belong
-    to the recording.
+def read_inputs(
+    folder: Path, config: TrackConfig, user: UserInputs, known: Mapping[str, str] = MappingProxyType({})
+) -> TrackInputs:
+    """Read and check all inputs. known: SHA-256 of files of the recording, by path, that need not be hashed.
+
+    Raises InputError if the recording cannot be used, or if a user's file does not belong to the recording.
     """
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
@@ -94,7 +99,7 @@ def read_inputs(folder: Path, config: TrackConfig, user: UserInputs) -> TrackInp
     frame_range(recording, config.start, config.stop)
     given = None if user.corrections is None else _read_review(user.corrections)
     trials = _read_events(recording, user.events)
-    hashes = (*_hash_inputs(recording, config), *_hash_given(user.events))
+    hashes = (*_hash_inputs(recording, config, known), *_hash_given(user.events))
     if given is not None:
         if any(camera.T_world_camera is None for camera in recording.cameras):
             recording, source = _in_world_of(given.corrections, recording), PoseSource.RESULTS
@@ -109,7 +114,7 @@ def _read_events(recording: Recording, given: Path | None) -> Trials | None:
     """
     own = events_files(recording.folder)
     path = given or (own[0] if own else None)
-    return None if path is None else read_trials(path, recorded_span(recording.streams[0].time_s))
+    return None if path is None else read_trials(path, span_of(recording))
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
@@ -128,10 +133,10 @@ def _read_review(path: Path) -> ReviewFile:
     return ReviewFile(path, digest, corrections)
 
 
-def _hash_inputs(recording: Recording, config: TrackConfig) -> tuple[tuple[str, str], ...]:
+def _hash_inputs(recording: Recording, config: TrackConfig, known: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
     movements = config.motion_file
     return (
-        *hash_files(input_files(recording), recording.folder),
+        *hash_files(input_files(recording), recording.folder, known),
         *(hash_files([movements], movements.parent) if config.motion.uses_database else ()),
     )
 

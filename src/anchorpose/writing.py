@@ -20,8 +20,8 @@ from anchorpose.calibration.clocks import Clocks, clock_notes
 from anchorpose.isolation.scene import Scene
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.pages.overlay import draw_chosen, save_pictures
-from anchorpose.recording.events import recorded_span
-from anchorpose.recording.recording import CameraGaps, find_gaps
+from anchorpose.recording.events import RecordedSpan, span_of
+from anchorpose.recording.recording import CameraGaps, Recording, find_gaps
 from anchorpose.report.page import REPORT_FILE, write_report
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.results.corrections import CorrectionsRecord, JointCorrection
@@ -60,6 +60,7 @@ from anchorpose.results.tables import (
 )
 from anchorpose.results.verify import add_event
 from anchorpose.track_inputs import ReviewFile, TrackInputs
+from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.prior_shape import SYSTEMATIC_M
@@ -189,7 +190,7 @@ def account_of(
         floor_height_m=room.calibration.floor_height_m,
         residuals=(*_pose_residuals(room.calibration), *_clock_residuals(room.clocks, gaps)),
         timings=tuple(StageTiming(stage, seconds) for stage, seconds in run.stopwatch.seconds.items()),
-        recorded=recorded_span(room.recording.streams[0].time_s) if config.start or config.stop is not None else None,
+        recorded=_recorded(room.recording, config),
         frame_count=len(written.association.matched_share),
         association=written.association,
         dropped=written.dropped,
@@ -211,6 +212,12 @@ def account_of(
             *(() if corrections is None else corrections.not_honoured),
         ),
     )
+
+
+def _recorded(recording: Recording, config: TrackConfig) -> RecordedSpan | None:
+    """Return the span of the recording; None if the tracked frames show it."""
+    part = bool(config.start) or config.stop is not None or recording.left_out_s is not None
+    return span_of(recording) if part else None
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
@@ -289,16 +296,16 @@ def _patient(room: Room) -> PatientRecord | None:
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
     """Return sentences that state which person was tracked, and with which body."""
-    if room.initial_frame is None:
+    patient = _patient(room)
+    if patient is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
-    choice = room.initial_frame.choice
-    x, z = choice.ground_xz_m
+    x, z = patient.xz_m
     notes = [
-        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {room.initial_frame.frame}, "
-        f"who {choice.reason}; tracking goes from there to both ends"
+        f"the patient was taken to be the person at x {x:.2f} m, z {z:.2f} m in frame {patient.frame}, "
+        f"who {patient.reason}; tracking goes from there to both ends"
     ]
-    if choice.rival_xz_m is not None:
-        x, z = choice.rival_xz_m
+    if patient.rival_xz_m is not None:
+        x, z = patient.rival_xz_m
         notes.append(
             f"the person at x {x:.2f} m, z {z:.2f} m may be the patient as well: look at the pictures, "
             f"and track again with --patient {x:.2f},{z:.2f} if so"

@@ -6,12 +6,18 @@ import os
 from pathlib import Path
 
 import pytest
-from recording_builder import write_recording
+from recording_builder import edit_json, write_recording
 from report_builder import squats, write_session
 
+from anchorpose.batch.identity import identity_of
+from anchorpose.batch.sessions import find_sessions
 from anchorpose.batch.summary import MEASURES, SESSIONS
 from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
+from anchorpose.cli.track_verbs import TrackOptions
+from anchorpose.recording.reader import input_files, open_recording
+from anchorpose.results import run_record
+from anchorpose.results.run_record import hash_files
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -19,12 +25,19 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def write_done(recording: Path, results: Path) -> None:
+    """Write results that state the identity of the present recording with the default options."""
+    (session,) = find_sessions([str(recording)], TrackOptions(smooth=False))
+    hashes = dict(hash_files(input_files(open_recording(recording)), recording))
+    write_session(results, squats(30), identity=identity_of(session, recording), inputs_sha256=hashes)
+
+
 @pytest.fixture
 def three(tmp_path: Path) -> Path:
     """One session done, one that failed, one open."""
     for name in ("one", "two", "three"):
         write_recording(tmp_path / "in" / name, frames=2)
-    write_session(tmp_path / "out" / "sessions" / "one", squats(30))
+    write_done(tmp_path / "in" / "one", tmp_path / "out" / "sessions" / "one")
     (tmp_path / "out" / "batch.json").write_text('{"format": "anchorpose-batch"}')
     (tmp_path / "out" / "logs").mkdir()
     (tmp_path / "out" / "logs" / "two.json").write_text(json.dumps({"why": "two: is <broken>; mend it."}))
@@ -48,6 +61,35 @@ def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, ca
     measures = MEASURES.read(three / "out" / MEASURES.file)
     assert {row.session for row in measures} == {"one"}
     assert len(rows(three / "out" / "measures.csv")) == len(measures) == 11  # without the one of a single person
+
+
+@pytest.mark.parametrize("changed", ["settings", "recording", "identity"])
+def test_a_session_tracked_with_other_settings_or_inputs_is_open(three: Path, capsys, changed) -> None:
+    command = ["batch", str(three / "in" / "one"), "-o", str(three / "out"), "--summary"]
+    if changed == "settings":
+        command.append("--smooth")
+    elif changed == "recording":
+        edit_json(three / "in" / "one" / "recording.json", lambda document: document.update(subject={"height_m": 1.8}))
+    else:
+        edit_json(three / "out" / "sessions" / "one" / "run.json", lambda run: run.update(identity="of other code"))
+    assert main(command) == 0
+    assert "one: tracked with other settings or inputs" in capsys.readouterr().out
+    (row,) = SESSIONS.read(three / "out" / SESSIONS.file)
+    assert (row.state, row.why, row.frames) == ("open", "tracked with other settings or inputs", None)
+    assert not MEASURES.read(three / "out" / MEASURES.file)
+
+
+@pytest.mark.parametrize("kept", ["no image is read", "the recording was moved away"])
+def test_a_summary_reads_no_image_for_its_hash_and_needs_no_recording(three: Path, monkeypatch, kept) -> None:
+    (three / "in" / "t.csv").write_text("recording,session\none,one\n")
+    read = list[str]()
+    if kept == "no image is read":
+        monkeypatch.setattr(run_record, "require_regular", lambda file, most: read.append(file.suffix))
+    else:
+        (three / "in" / "one").rename(three / "elsewhere")
+    assert main(["batch", str(three / "in" / "t.csv"), "-o", str(three / "out"), "--summary"]) == 0
+    assert [row.state for row in SESSIONS.read(three / "out" / SESSIONS.file)] == ["done"]
+    assert ".png" not in read
 
 
 def test_the_page_shows_sessions_failures_and_measures_and_escapes_what_it_is_given(three: Path) -> None:

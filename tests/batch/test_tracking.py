@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from anchorpose.batch.identity import done_identity
 from anchorpose.batch.sessions import find_sessions
 from anchorpose.batch.summary import SESSIONS
-from anchorpose.batch.tracking import done_identity, track_session
+from anchorpose.batch.tracking import track_session
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.errors import InputError
@@ -33,6 +34,7 @@ def test_done_means_the_same_identity_never_that_a_file_exists(tmp_path: Path) -
     assert main(command) == 0
     assert json.loads(runs[0].read_text())["identity"] == document["identity"]
     assert runs[1].stat().st_mtime_ns == first[runs[1]]
+    assert main([*command, "--summary"]) == 0
     assert {row.state for row in SESSIONS.read(tmp_path / "out" / SESSIONS.file)} == {"done"}
     (session,) = find_sessions([str(tmp_path / "s3" / "recording")], TrackOptions(stop=3))
     assert track_session(session, runs[0].parent)  # other settings are another session

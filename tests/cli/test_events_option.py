@@ -2,23 +2,28 @@
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import stand_in_pipeline
-from recording_builder import PERIOD_S, edit_json, write_recording
+from recording_builder import HEIGHT, PERIOD_S, WIDTH, edit_json, write_picture, write_recording, write_timestamps
 from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
-from anchorpose.recording.events import RecordedSpan
+from anchorpose.errors import InputError
+from anchorpose.recording.events import RecordedSpan, span_of
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.results.run_record import RUN_FILE, hash_files
+from anchorpose.results.tables import read_joints
 from anchorpose.results.trial_table import read_trial_table
 from anchorpose.results.verify import Fits, read_log, verify
+from anchorpose.sync.recorded_onsets import first_frame_s
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
+from anchorpose.writing import _recorded
 
 HEAD = "onset\tduration\ttrial_type\tamplitude\n"
 
@@ -52,6 +57,39 @@ def test_events_belong_to_the_run_and_another_trial_makes_another_run(recording,
     given = read(recording, write_events(tmp_path / "mine.tsv", "given"))
     assert given.trials.conditions == ("given",)
     assert {"--events mine.tsv", "--events mine.json"} <= set(dict(given.sha256))
+
+
+def two_cameras(folder: Path, starts_s: float) -> Path:
+    """A recording whose first camera measured nothing; the second camera starts ``starts_s`` after the first."""
+    recording = write_recording(folder, frames=6, cameras=("front", "left"))
+    for frame in range(6):
+        nothing = np.zeros((HEIGHT, WIDTH), np.uint16)
+        write_picture(recording / "front" / "depth" / f"{frame:06d}.png", nothing)
+    write_timestamps(recording / "left", [(frame, starts_s + frame * PERIOD_S) for frame in range(6)])
+    write_events(recording / "events.tsv", onset_s=0.4)
+    return recording
+
+
+def test_onsets_count_from_the_first_camera_even_if_it_measured_nothing(tmp_path):
+    inputs = read(two_cameras(tmp_path / "recording", starts_s=0.3))
+    assert [camera.name for camera in inputs.recording.cameras] == ["left"]
+    assert inputs.trials.rows[0].start_s == pytest.approx(0.4)
+    assert any("onsets of trials count from the first frame of camera front" in note for note in inputs.recording.notes)
+    assert span_of(inputs.recording) == RecordedSpan(0.0, pytest.approx(0.9))
+
+
+def test_onsets_are_refused_if_the_first_camera_measured_nothing_and_has_other_times(tmp_path):
+    recording = two_cameras(tmp_path / "recording", starts_s=500.0)
+    with pytest.raises(InputError, match=r"events\.tsv: .*never overlap with the frames.*list a camera that measured"):
+        read(recording)
+    (recording / "events.tsv").unlink()
+    assert span_of(read(recording).recording).first_s is None
+
+
+def test_run_json_keeps_the_start_of_a_first_camera_that_measured_nothing(tmp_path):
+    recording = read(two_cameras(tmp_path / "recording", starts_s=0.3)).recording
+    assert _recorded(recording, TrackConfig()) == span_of(recording)
+    assert _recorded(replace(recording, left_out_s=None), TrackConfig()) is None
 
 
 def test_a_mistake_in_the_events_is_found_before_anything_is_tracked(recording, tmp_path, refusal):
@@ -105,6 +143,10 @@ def test_results_of_a_part_count_from_the_beginning_of_the_recording_or_are_refu
     events.write_text("onset\tduration\ttrial_type\n2\t2\toff\n")
     edit_json(results / RUN_FILE, lambda run: run.update(config={"start": 20, "stop": None}))
     assert "does not state when the recording began" in refusal(["measure", str(results), "--events", str(events)])
+    edit_json(results / RUN_FILE, lambda run: run.update(recorded=asdict(RecordedSpan(None, 13.0))))
+    assert "measured nothing" in refusal(["measure", str(results), "--events", str(events)])
+    with pytest.raises(InputError, match="does not know when the recording began"):
+        first_frame_s(results, read_joints(results / "joints.parquet"))
     edit_json(results / RUN_FILE, lambda run: run.update(recorded=asdict(RecordedSpan(5.0, 13.0))))
     assert main(["measure", str(results), "--events", str(events)]) == 0
     assert read_trial_table(results / "trials.parquet").rows[0].start_s == 7.0

@@ -19,9 +19,10 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
+from anchorpose.batch.identity import is_current
 from anchorpose.batch.sessions import Session
 from anchorpose.batch.worker import Outcome
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JointState
 from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.regular_file import is_there
@@ -39,13 +40,15 @@ from anchorpose.results.uncertainty import NORMAL_95
 DONE, FAILED, OPEN = "done", "failed", "open"
 STATES: Final = (DONE, FAILED, OPEN)
 RESULTS_FOLDER, LOGS_FOLDER = "sessions", "logs"
+OTHER_RUN: Final = "tracked with other settings or inputs"
 AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """The row of a session in the table. state: one of ``STATES``; why: if the session failed, a sentence on the
-    reason. The fields from ``frames`` on are None unless the session is done.
+    """The row of a session in the table. state: one of ``STATES``; why: the reason why the session
+    failed, or why it is open although it has results. The fields from ``frames`` on are None unless the session is
+    done.
 
     length_s: time from the first frame to the last. The shares (observed, inferred, lost) refer to all joints in all
     frames. work_s: computing time of tracking, as in run.json.
@@ -128,8 +131,8 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
-    A session that failed in its last run counts as failed even if results exist. outcomes: for each session that has
-    just run, by name, why the session failed; None if it did not fail.
+    A session that failed in its last run counts as failed even if results exist. Results that a new run would replace
+    count as open. outcomes: for each session that has just run, by name, why it failed; None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -139,8 +142,10 @@ def row_of(
             return SessionRow(**who, state=FAILED, why=why), ()
         if not is_there(results / RUN_FILE):
             return SessionRow(**who, state=OPEN), ()
+        if session.name not in outcomes and not is_current(session, results):
+            return SessionRow(**who, state=OPEN, why=OTHER_RUN), ()
         return SessionRow(**who, state=DONE, **_figures(results)), _measures(results)
-    except (InputError, OSError) as error:
+    except (AnchorposeError, OSError) as error:
         return SessionRow(**who, state=FAILED, why=str(error)), ()
 
 
@@ -236,7 +241,7 @@ def write_page(out: Path, rows: Sequence[SessionRow], measures: dict[str, tuple[
         title=f"{len(rows)} sessions",
         counts=[(state, counts[state]) for state in STATES if counts[state]],
         sessions=[(_name(row), _cells(row)) for row in rows],
-        failed=[row for row in rows if row.why],
+        explained=[row for row in rows if row.why],
         measure_titles=list(_titles(compared, measures).values()),
         measures=_measure_rows(compared, measures),
         left_out=counts[DONE] - len(compared),

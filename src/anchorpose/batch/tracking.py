@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.batch.cluster import Job, Place, run_jobs
+from anchorpose.batch.identity import done_identity, identity_of
 from anchorpose.batch.sessions import Session, open_folder
 from anchorpose.batch.summary import (
     LOGS_FOLDER,
@@ -23,7 +24,7 @@ from anchorpose.batch.summary import (
 )
 from anchorpose.errors import AnchorposeError
 from anchorpose.remote import local_copy
-from anchorpose.results.run_record import RUN_FILE, read_run
+from anchorpose.results.run_record import RUN_FILE
 from anchorpose.results.unfinished import begun_identity, wait_until_free
 
 Progress = Callable[[int, int], None]
@@ -102,23 +103,9 @@ def track_session(session: Session, results: Path) -> bool:
         recording, begun = as_recording(source, OnConsole()), begun_identity(results)
         resume = False
         if begun is not None or (results / RUN_FILE).is_file():
-            identity = _identity(session, recording)
+            identity = identity_of(session, recording)
             if done_identity(results) == identity:
                 return False
             resume = begun == identity
         track_locally(recording, results, replace(session.options, overwrite=True, resume=resume), "the same command")
     return True
-
-
-def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None if the folder has no such file or identity."""
-    path = results / RUN_FILE
-    return read_run(path).get("identity") if path.is_file() else None
-
-
-def _identity(session: Session, recording: Path) -> str:
-    from anchorpose.track_inputs import UserInputs, read_inputs
-
-    options = session.options
-    given = UserInputs(options.calibration, options.corrections, options.events)
-    return read_inputs(recording, options.settings(), given).identity

@@ -2,14 +2,15 @@
 the columns.
 
 The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onsets
-count from the first frame of the first camera that measured anything. The value of this camera's clock does not matter,
-nor does a later start of tracking. A trial is one row; trials are numbered from 1 in the order of the file.
+count from the first frame of the first camera in recording.json, even if this camera measured nothing. The value of its
+clock does not matter, nor does a later start of tracking. A trial is one row; trials are
+numbered from 1 in the order of the file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Final
@@ -20,6 +21,7 @@ from pydantic import AfterValidator, Field
 from anchorpose.errors import InputError
 from anchorpose.options import plain_number
 from anchorpose.recording.document import Entry, read_json, read_rows, require_distinct, validate
+from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import is_there
 from anchorpose.settings import LARGEST, Unfit
 
@@ -120,10 +122,10 @@ class Trials:
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
     """Start and end of a recording, seconds on the clock of its first camera. The end is the time of the last frame
-    plus the usual interval between frames.
+    plus the usual interval between frames. first_s is None if the start is unknown (``span_of``).
     """
 
-    first_s: float
+    first_s: float | None
     end_s: float
 
 
@@ -131,6 +133,18 @@ def recorded_span(time_s: np.ndarray) -> RecordedSpan:
     """Return the span of all frames (n,) of the first camera, tracked or not; a single frame has no duration."""
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return RecordedSpan(float(time_s[0]), float(time_s[-1]) + step_s)
+
+
+def span_of(recording: Recording) -> RecordedSpan:
+    """Return the span of a recording, which begins with the first frame of the first camera in recording.json. If this
+    camera was left out, its recorded times are used; if they do not overlap with the frames, the start is unknown.
+    """
+    time_s, left_out_s = recording.streams[0].time_s, recording.left_out_s
+    span = recorded_span(time_s)
+    if left_out_s is None:
+        return span
+    first_s, last_s = left_out_s
+    return replace(span, first_s=first_s if first_s <= time_s[-1] and time_s[0] <= last_s else None)
 
 
 def events_files(folder: Path) -> list[Path]:
@@ -147,16 +161,17 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    The function refuses missing and repeated columns, and texts in place of numbers. It refuses trials that have no
-    duration, overlap or lie outside the recording, and columns of numbers without a unit in the JSON file beside the
-    events file.
+    The function refuses missing and repeated columns, texts in place of numbers, and an unknown start. It refuses
+    trials that have no duration, overlap or lie outside the recording, and columns of numbers without a unit in the
+    JSON file beside the events file.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []
     _require_head(path, head)
     _require_rows(path, head, lines[1:])
     described = _read_sidecar(sidecar_of(path), head)
-    trials = [_trial(path, line, dict(zip(head, cells, strict=True)), span) for line, cells in lines[1:]]
+    first_s = _known_start(path, span)
+    trials = [_trial(path, line, dict(zip(head, row, strict=True)), first_s, span.end_s) for line, row in lines[1:]]
     numbered = list(zip([line for line, _ in lines[1:]], trials, strict=True))
     _require_apart(path, numbered)
     own = [name for name in head if name not in REQUIRED]
@@ -207,7 +222,18 @@ def _require_rows(path: Path, head: Sequence[str], rows: Sequence[tuple[int, lis
             raise InputError(path, f"line {line} has the cell {long[:40]!r}", "write a short text without breaks")
 
 
-def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> Trial:
+def _known_start(path: Path, span: RecordedSpan) -> float:
+    if span.first_s is None:
+        problem = (
+            "has onsets since the first frame of the first camera in recording.json, but that camera measured nothing, "
+            "and its times never overlap with the frames"
+        )
+        remedy = "list a camera that measured first in recording.json, and count onsets from its first frame"
+        raise InputError(path, problem, remedy)
+    return span.first_s
+
+
+def _trial(path: Path, line: int, cells: dict[str, str], first_s: float, end_s: float) -> Trial:
     """Return the trial of a line, with the number 0 and without cells of the user's columns: the caller sets both."""
     onset_s, duration_s = (_number(path, line, name, cells[name]) for name in ("onset", "duration"))
     if onset_s is None or duration_s is None or cells["trial_type"] in ("", MISSING):
@@ -216,14 +242,14 @@ def _trial(path: Path, line: int, cells: dict[str, str], span: RecordedSpan) -> 
     if duration_s <= 0:
         what = "a negative duration" if duration_s < 0 else "the duration 0"
         raise InputError(path, f"line {line} has {what}", "write how many seconds the trial lasted")
-    recorded_s = span.end_s - span.first_s
+    recorded_s = end_s - first_s
     if onset_s < 0 or onset_s + duration_s > recorded_s + ROUNDING_S:
         problem = (
             f"line {line} is a trial from {onset_s:g} to {onset_s + duration_s:g} s, outside of the recording "
             f"(0 to {recorded_s:.3f} s)"
         )
         raise InputError(path, problem, "count seconds from the first frame of the first camera")
-    return Trial(0, cells["trial_type"], onset_s, duration_s, span.first_s + onset_s)
+    return Trial(0, cells["trial_type"], onset_s, duration_s, first_s + onset_s)
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float | None:

@@ -75,11 +75,15 @@ def _without_dead_cameras(recording: Recording) -> Recording:
         remedy = "nothing was measured: uncover the lens, keep the sun out, and record again"
         raise InputError(recording.folder / recording.cameras[0].name / "depth", dead[0], remedy)
     notes = [f"camera {recording.cameras[number].name} {LEFT_OUT}{why}" for number, why in dead.items()]
+    left_out_s = None
     if 0 in dead:
+        gone, first = (recording.cameras[number].name for number in (0, alive[0]))
         notes.append(
-            f"frames and times are those of camera {recording.cameras[alive[0]].name}, the first that measured"
+            f"frames and times are those of camera {first}, the first that measured; onsets of trials count from the "
+            f"first frame of camera {gone} by its recorded times, since its clock cannot be compared with other clocks"
         )
-    return replace(recording.of_cameras(alive), notes=(*recording.notes, *notes))
+        left_out_s = (float(recording.streams[0].time_s[0]), float(recording.streams[0].time_s[-1]))
+    return replace(recording.of_cameras(alive), notes=(*recording.notes, *notes), left_out_s=left_out_s)
 
 
 def _why_dead(recording: Recording, camera: int) -> str:

@@ -162,6 +162,8 @@ class Recording:
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
     notes: tuple[str, ...] = ()  # sentences on content that is not used, and those of the recorder or converter
+    # first and last recorded time of the first camera in recording.json if this camera was left out, else None
+    left_out_s: tuple[float, float] | None = None
 
     @property
     def part_names(self) -> tuple[str, ...]:

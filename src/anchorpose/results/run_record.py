@@ -10,10 +10,11 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -228,7 +229,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # tracked span of the recording; None if all was tracked, and in older results
+    recorded: RecordedSpan | None = None  # span of the recording; None if the tracked frames show it
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
@@ -305,17 +306,23 @@ def sentence(poor: PoorDepth) -> str:
     )
 
 
-def hash_files(files: Iterable[Path], folder: Path) -> tuple[tuple[str, str], ...]:
-    """Return (path relative to ``folder``, SHA-256 in hex) of each file.
+def hash_files(
+    files: Iterable[Path], folder: Path, known: Mapping[str, str] = MappingProxyType({})
+) -> tuple[tuple[str, str], ...]:
+    """Return (path relative to ``folder``, SHA-256 in hex) of each file. known: hashes by path of files not to read.
 
     Raises InputError for a file above ``LARGEST_ARRAYS`` bytes, larger than any table or image.
     """
     hashes = []
     for file in files:
+        name = file.relative_to(folder).as_posix()
+        if name in known:
+            hashes.append((name, known[name]))
+            continue
         require_regular(file, LARGEST_ARRAYS)
         with open_regular(file) as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        hashes.append((file.relative_to(folder).as_posix(), digest))
+        hashes.append((name, digest))
     return tuple(hashes)
 
 

@@ -72,8 +72,12 @@ def _number(path: Path, text: str) -> float:
 def first_frame_s(results: Path, joints: JointTable) -> float:
     """Return the recording's start time on the clock of its first camera; raises InputError if this time is unknown."""
     run: dict[str, Any] = read_run(results / RUN_FILE)
-    if run.get("recorded"):
-        return float(run["recorded"]["first_s"])
+    recorded = run.get("recorded")
+    if recorded and recorded["first_s"] is not None:
+        return float(recorded["first_s"])
+    if recorded:
+        problem = "does not know when the recording began: its first camera measured nothing, and has other times"
+        raise InputError(results / RUN_FILE, problem, "compare the clocks by movement")
     if (run.get("config") or {}).get("start"):
         problem = "does not state when the recording began, and its beginning was not tracked"
         raise InputError(results / RUN_FILE, problem, TRACK_AGAIN)
