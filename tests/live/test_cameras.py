@@ -201,9 +201,9 @@ class Broken:
 
 
 @pytest.mark.parametrize(
-    ("pipeline", "told"), [(Unplugged(), "check its cable"), (Broken(), "TypeError: no such stream")]
+    ("pipeline", "reason"), [(Unplugged(), "check its cable"), (Broken(), "TypeError: no such stream")]
 )
-def test_a_realsense_that_fails_is_a_failure_with_its_reason(pipeline, told):
+def test_a_realsense_that_fails_is_a_failure_with_its_reason(pipeline, reason):
     intake = Intake([cameras.RealSense("realsense-1", (), None, pipeline)])
     intake.start()
     until_s = time.monotonic() + 10.0
@@ -212,7 +212,7 @@ def test_a_realsense_that_fails_is_a_failure_with_its_reason(pipeline, told):
     assert not intake.running
     (sentence,) = intake.failed
     assert sentence.startswith("realsense-1: ")
-    assert told in sentence
+    assert reason in sentence
 
 
 def test_no_camera_and_no_package_of_its_maker_are_one_sentence():

@@ -286,7 +286,7 @@ def test_what_a_difference_shows_can_be_read_without_scrolling_aside(folder, chr
 
 
 def test_slightly_longer_trials_of_a_patient_who_always_stands_show_no_difference():
-    """Trials with stimulation last 0.6 s longer: every time grows by that, which is no effect of the stimulation."""
+    """Trials with stimulation last 0.6 s longer: every time grows by that, and not by the stimulation."""
     rng, rows, onset_s = np.random.default_rng(4), list[Trial](), 1.0
     for number in range(12):
         name = ("off", "on")[(number + (number // 2) % 2) % 2]

@@ -234,16 +234,16 @@ def test_who_the_patient_is_can_be_changed_and_taken_back(server: ViewerServer) 
 
 
 @pytest.mark.parametrize(
-    ("entry", "kind", "told"),
+    ("entry", "kind", "refusal"),
     [(KNEE, "joints", "AB corrected this joint"), (PATIENT, "patient", "AB named the patient")],
 )
 def test_a_correction_that_a_second_reviewer_has_not_seen_is_not_replaced(
-    server: ViewerServer, entry: dict[str, Any], kind: str, told: str
+    server: ViewerServer, entry: dict[str, Any], kind: str, refusal: str
 ) -> None:
     _, first = tell(server, "corrections/add", entry)
     other = {**entry, "position_m": [0.3, 0.5, 0.0], "who": "CD"}
     _, answer = tell(server, "corrections/add", {**other, "replaces": None})
-    assert answer == {**first, "refused": f"{told} meanwhile; look at it and save again."}
+    assert answer == {**first, "refused": f"{refusal} meanwhile; look at it and save again."}
     seen = first[kind] if kind == "patient" else first[kind][0]
     _, second = tell(server, "corrections/add", {**other, "replaces": seen})
     assert "refused" not in second
@@ -431,10 +431,10 @@ def test_the_verb_prints_where_it_is_and_stops_on_request(small: tuple[Path, Pat
 def test_a_place_that_is_taken_or_is_another_machines_is_refused(
     server: ViewerServer, small: tuple[Path, Path], tmp_path: Path, refusal
 ) -> None:
-    for results, place, told in (
+    for results, place, refusal in (
         (small[0], ("--port", str(server.guard.port)), "Cannot listen on"),
         (small[0], ("--host", "203.0.113.7"), "Cannot listen on"),
         (small[0], ("--host", ""), "--host is empty"),
         (tmp_path / "none", (), "there is no such folder"),
     ):
-        assert told in refusal(["view", str(results), "--no-browser", *place])
+        assert refusal in refusal(["view", str(results), "--no-browser", *place])

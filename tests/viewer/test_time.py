@@ -65,14 +65,14 @@ def test_scrubbing_moves_everything_in_step(viewer: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "told", "first_s"),
+    ("more", "stated", "first_s"),
     [
         ({"recorded": {"first_s": -300.0, "end_s": 9.0}, "config": {"start": 4500}}, "the first frame", -300.0),
         ({"config": {"start": 4500}}, "the first tracked frame", 0.0),  # results of an older release
     ],
 )
 def test_clock_lists_and_ticks_count_from_the_same_frame(
-    page: Any, tmp_path: Path, more: dict[str, Any], told: str, first_s: float
+    page: Any, tmp_path: Path, more: dict[str, Any], stated: str, first_s: float
 ) -> None:
     results, _ = write_small_session(tmp_path)
     edit_json(results / "run.json", lambda run: run.update(more))
@@ -89,7 +89,7 @@ def test_clock_lists_and_ticks_count_from_the_same_frame(
         page.click("#tab-correct")
         assert page.locator("#corrections").inner_text().startswith(f"{time} s unusable to {time} s")
         assert f"{1 - first_s:.0f} s" in page.evaluate("ticks")
-        assert page.locator("#time-origin").inner_text() == f"Times: seconds since {told} of the recording."
+        assert page.locator("#time-origin").inner_text() == f"Times: seconds since {stated} of the recording."
 
 
 TICKS = (  # keeps the words that are drawn on canvases

@@ -193,31 +193,7 @@ def measure_session(
     parts that were searched for contacts; without such parts, it is unknown whether the patient held on to anything.
     With trials, the measures of the whole recording are followed by the measures of every trial and of every condition.
     """
-    body = centre_of_mass(joints)
-    found = stance(joints, body.position_m)
-    state = upright(found, config.upright)
-    moves = transitions(joints, found, state, config.transitions)
-    bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)
-    quiet = Session(
-        joints=joints,
-        angles=angles,
-        posture=PostureTable(
-            joints.frame,
-            joints.time_s,
-            body.position_m,
-            body.sigma_m,
-            state,
-            np.maximum(body.state_code, found.state_code),
-        ),
-        stance=found,
-        seconds=frame_seconds(joints.time_s),
-        episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
-        contacts=contacts,
-        equipment=tuple(equipment),
-        shifted_upright=np.stack([upright(found, config.upright, shift) for shift in (-1.0, 1.0)], axis=1),
-        extended=extended_states(angles, found, config.independence),
-        onset_s=float(joints.time_s[0]),
-    )
+    quiet, moves, steps = _quiet_session(joints, angles, contacts, config, equipment)
     events = find_events(quiet, steps, config)
     session = replace(quiet, episodes=(*quiet.episodes, *event_episodes(joints, events)))
     measures = _measures(session, moves, steps, events, config)
@@ -228,6 +204,36 @@ def measure_session(
         return _measures(part, within(moves, rows), within(steps, rows), beginning_in(events, rows), config)
 
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
+
+
+def _quiet_session(
+    joints: JointTable,
+    angles: AngleTable,
+    contacts: tuple[Contact, ...] | None,
+    config: MeasureConfig,
+    equipment: Sequence[str],
+) -> tuple[Session, list[Transition], list[Step]]:
+    """Return the session with all its episodes except events, which are found in it, and its transitions and steps."""
+    body = centre_of_mass(joints)
+    found = stance(joints, body.position_m)
+    state = upright(found, config.upright)
+    moves = transitions(joints, found, state, config.transitions)
+    bouts, steps = upright_episodes(joints, found, state), find_steps(joints, state == UPRIGHT)
+    worst = np.maximum(body.state_code, found.state_code)
+    session = Session(
+        joints=joints,
+        angles=angles,
+        posture=PostureTable(joints.frame, joints.time_s, body.position_m, body.sigma_m, state, worst),
+        stance=found,
+        seconds=frame_seconds(joints.time_s),
+        episodes=(*bouts, *transition_episodes(joints, found, moves), *step_episodes(joints, steps)),
+        contacts=contacts,
+        equipment=tuple(equipment),
+        shifted_upright=np.stack([upright(found, config.upright, shift) for shift in (-1.0, 1.0)], axis=1),
+        extended=extended_states(angles, found, config.independence),
+        onset_s=float(joints.time_s[0]),
+    )
+    return session, moves, steps
 
 
 def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
