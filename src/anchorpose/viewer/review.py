@@ -59,13 +59,20 @@ class Review:
         """Return the time from which the page counts seconds: that of the recording's first frame, or of the first
         tracked frame if ``run.json`` does not state when the recording began.
         """
-        recorded = self.run.get("recorded")
-        return float(recorded["first_s"] if recorded else self.joints.time_s[0])
+        return float(self.joints.time_s[0] if self._recorded_s is None else self._recorded_s)
 
     @property
     def first_s_is_known(self) -> bool:
         """Return whether ``first_s`` is the time of the recording's first frame."""
-        return bool(self.run.get("recorded")) or not (self.run.get("config") or {}).get("start")
+        from_start = "recorded" not in self.run and not (self.run.get("config") or {}).get("start")
+        return self._recorded_s is not None or from_start
+
+    @property
+    def _recorded_s(self) -> float | None:
+        """Return when the recording began; None if ``run.json`` does not state it, or if it is unknown because the
+        first camera measured nothing.
+        """
+        return (self.run.get("recorded") or {}).get("first_s")
 
     @property
     def matched_share(self) -> np.ndarray:
