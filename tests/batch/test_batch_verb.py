@@ -11,7 +11,7 @@ from report_builder import squats, write_session
 
 from anchorpose.batch.identity import identity_of
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.summary import MEASURES, SESSIONS
+from anchorpose.batch.summary import MEASURES, OTHER_RUN, SESSIONS
 from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions
@@ -73,9 +73,9 @@ def test_a_session_tracked_with_other_settings_or_inputs_is_open(three: Path, ca
     else:
         edit_json(three / "out" / "sessions" / "one" / "run.json", lambda run: run.update(identity="of other code"))
     assert main(command) == 0
-    assert "one: tracked with other settings or inputs" in capsys.readouterr().out
+    assert f"one: {OTHER_RUN}" in capsys.readouterr().out
     (row,) = SESSIONS.read(three / "out" / SESSIONS.file)
-    assert (row.state, row.why, row.frames) == ("open", "tracked with other settings or inputs", None)
+    assert (row.state, row.why, row.frames) == ("open", OTHER_RUN, None)
     assert not MEASURES.read(three / "out" / MEASURES.file)
 
 

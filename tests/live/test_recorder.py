@@ -186,6 +186,21 @@ def test_a_trial_covers_the_same_images_if_the_clock_is_set_during_the_recording
     assert recording.notes == (("camera left: its clock was set by +4.0 s before image 20",) if step_s else ())
 
 
+def test_images_that_come_late_move_no_marker_and_are_no_set_clock(tmp_path):
+    """The disk stalls for two seconds: twenty images wait, and the computer sees them when it goes on."""
+    recorder, began_s = Recorder(tmp_path / "out", [CAMERA]), time.monotonic()
+    for number in range(60):
+        taken_s = max(number / 10.0, 4.0 if number >= 20 else 0.0)
+        recorder.put(replace(image(number), time_s=5.0 + number / 10.0, taken_s=began_s + taken_s))
+        if number == 25:
+            recorder.mark("begin a", began_s + 4.2)
+    recorder.mark("end", began_s + 5.2)
+    recording = open_recording(recorder.finish())
+    (trial,) = read_trials(tmp_path / "out" / EVENTS_FILE, recorded_span(recording.streams[0].time_s)).rows
+    assert (trial.start_s - 5.0, trial.duration_s) == pytest.approx((4.2, 1.0), abs=0.001)
+    assert recording.notes == ()
+
+
 def test_an_image_that_cannot_be_written_is_lost_alone(tmp_path, monkeypatch):
     write = module.CameraWriter.write
 

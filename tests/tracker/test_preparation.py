@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from anchorpose.camera import Camera
 from anchorpose.recording.reader import open_recording
 from anchorpose.tracker.config import TrackConfig
-from anchorpose.tracker.preparation import Settled, settle
+from anchorpose.tracker.preparation import Settled, _without_outdated_rooms, settle
 
 WALK = [picture(FRONT, *ROOM, *body(0.0, z), seed=k) for k, z in enumerate(np.linspace(-1.0, 1.0, 8))]
 
@@ -37,3 +37,20 @@ def test_a_picture_of_the_same_room_is_used(tmp_path: Path) -> None:
     found = settled(tmp_path / "still", FRONT)
     assert found.recording.backgrounds_m[0] is not None
     assert not [note for note in found.calibration.notes if "has moved" in note]
+
+
+def test_cameras_whose_clocks_have_different_epochs_are_settled_with_a_picture_of_the_room(tmp_path: Path) -> None:
+    """The pictures of the room are compared with each camera's own images, before the clocks are known."""
+    folder = write_room_recording(tmp_path / "r", FRONT, picture(FRONT, *ROOM, seed=99), WALK)
+    recording = open_recording(folder)
+    later = replace(recording.streams[0], time_s=recording.streams[0].time_s + 5000.0)
+    second = replace(recording.cameras[0], name="second")
+    both = replace(
+        recording,
+        cameras=(recording.cameras[0], second),
+        streams=(recording.streams[0], later),
+        backgrounds_m=recording.backgrounds_m * 2,
+    )
+    found, notes = _without_outdated_rooms(both, TrackConfig())
+    assert notes == ()
+    assert all(room is not None for room in found.backgrounds_m)

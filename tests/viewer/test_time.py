@@ -70,6 +70,7 @@ def test_scrubbing_moves_everything_in_step(viewer: Any) -> None:
         ({"recorded": {"first_s": -300.0, "end_s": 9.0}, "config": {"start": 4500}}, "the first frame", -300.0),
         ({"config": {"start": 4500}}, "the first tracked frame", 0.0),  # results of an older release
         ({"recorded": {"first_s": None, "end_s": 9.0}}, "the first tracked frame", 0.0),  # a dead first camera
+        ({"recorded": None}, "the first frame", 0.0),
     ],
 )
 def test_clock_lists_and_ticks_count_from_the_same_frame(

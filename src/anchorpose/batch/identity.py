@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from anchorpose.batch.sessions import Session
+from anchorpose.errors import AnchorposeError
 from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.run_record import RUN_FILE, read_run
@@ -31,7 +32,8 @@ def is_current(session: Session, results: Path) -> bool:
     """Return whether a new run would have the identity that the results state, without reading all depth images: the
     hash of an image that still exists is taken from ``run.json``.
 
-    Return True if nothing can be compared: the recording is at an address, does not exist, or was not converted.
+    Return True if nothing can be compared: the recording is at an address, does not exist, was not converted, or cannot
+    be read.
     """
     from anchorpose.sources.convert import ENDING
 
@@ -43,4 +45,7 @@ def is_current(session: Session, results: Path) -> bool:
         return True
     hashes = read_run(results / RUN_FILE).get("inputs_sha256", {})
     images = {name: digest for name, digest in hashes.items() if name.endswith(".png")}
-    return identity_of(session, recording, images) == done_identity(results)
+    try:
+        return identity_of(session, recording, images) == done_identity(results)
+    except AnchorposeError:
+        return True  # the recording was damaged after it had been tracked

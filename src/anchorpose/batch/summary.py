@@ -40,7 +40,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 DONE, FAILED, OPEN = "done", "failed", "open"
 STATES: Final = (DONE, FAILED, OPEN)
 RESULTS_FOLDER, LOGS_FOLDER = "sessions", "logs"
-OTHER_RUN: Final = "tracked with other settings or inputs"
+OTHER_RUN: Final = "tracked with other settings or inputs, or with another version of the program or its libraries"
 AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 

@@ -91,6 +91,7 @@ class LiveFollower:
     _stored: int = 0
     _last_s: float = float("-inf")  # time in s of the last tracked frame
     _last_frame: int = -1  # number of the last tracked frame
+    _tracked: int = 0  # number of tracked frames; images that are dropped or lost do not count
     _contacts: ContactIntervals | None = None
     _touched: Mapping[str, bool] | None = None
     _holding: Mapping[str, bool] | None = None
@@ -128,7 +129,9 @@ class LiveFollower:
             return
         self._last_s, self._last_frame = frame_set.time_s, max(frame_set.frame, self._last_frame + 1)
         self._taken_s[self._last_frame] = taken_s
-        numbered = without_other_places(replace(frame_set, frame=self._last_frame), self.run.room.scenes)
+        self._tracked += 1
+        numbered = replace(frame_set, frame=self._last_frame, position=self._tracked)
+        numbered = without_other_places(numbered, self.run.room.scenes)
         self._pass_on(self.follower.step(numbered), live, dropped)
 
     def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:

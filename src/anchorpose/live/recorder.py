@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import time
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime, timedelta
@@ -37,6 +38,7 @@ IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 SYNC_S: Final = 1.0  # s, maximum time between writes to the disk, and so the time that a power cut can erase
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
 CLOCK_STEP_S: Final = 0.1  # s, minimum change between two images that counts as a set clock; images come 0.03 s apart
+LATE_IMAGES: Final = 100  # maximum number of images that come late in a row, as after a stall of the disk for 3 s
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
@@ -55,7 +57,8 @@ class Recorder:
             document |= _copy_about(about, folder)
         self._document: dict[str, Any] = document
         self._first_s: dict[int, tuple[float, float]] = {}  # time_s and taken_s of each camera's first image
-        self._offset_s: dict[int, float] = {}  # time_s minus taken_s of each camera's newest image
+        self._offset_s: dict[int, float] = {}  # time_s minus taken_s of each camera (``_follow_clock``)
+        self._offsets_s: defaultdict[int, deque[float]] = defaultdict(lambda: deque(maxlen=LATE_IMAGES))
         self._step_s: dict[int, float] = {}  # largest step of each camera's clock that a note states
         # the camera whose first image begins the recording, and the time of this image; None until known
         self._began: tuple[int, float] | None = None
@@ -91,8 +94,13 @@ class Recorder:
         return None
 
     def _follow_clock(self, image: LiveImage) -> float:
-        """Note the offset between a camera's clock and ``time.monotonic``; return the change since the image before."""
-        offset_s = image.time_s - image.taken_s
+        """Note the offset between a camera's clock and ``time.monotonic``; return the change since the image before.
+
+        An image that a busy computer takes late has a smaller offset, so the largest of the last images counts.
+        """
+        offsets_s = self._offsets_s[image.camera]
+        offsets_s.append(image.time_s - image.taken_s)
+        offset_s = max(offsets_s)
         step_s = offset_s - self._offset_s.get(image.camera, offset_s)
         self._offset_s[image.camera] = offset_s
         return step_s

@@ -195,7 +195,7 @@ class FrameSet:
     depths_m: tuple[np.ndarray | None, ...]  # one per camera: (height, width) float32, 0 = no reading; None = no image
     taken_s: tuple[float | None, ...] = ()  # one per camera: time of its depth image on the reference clock
     problems: tuple[str, ...] = ()  # one sentence for each depth image that exists and cannot be used
-    # position in the first camera's stream; None for live cameras, whose images are numbered one by one
+    # position in the first camera's stream, or among the tracked frames of a live session; None if unknown
     position: int | None = None
 
 

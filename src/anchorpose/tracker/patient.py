@@ -327,6 +327,7 @@ class PatientTracker:
         Also return the track tree's best branches; None if the track tree was not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
+        self.rivals = moved_along(self.rivals, poses[0].root_m - self.belief.pose.root_m)
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
         with self.run.stage("registration"):
@@ -345,9 +346,8 @@ class PatientTracker:
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
         best, seen = found, self.window[1]
         if found.found:
-            rivals = moved_along(self.rivals, poses[0].root_m - self.belief.pose.root_m)
             best, self.rivals = follow_rivals(
-                self.body, found, rivals, seen.evidence, elapsed_s, self.config.registration, self.pace
+                self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration, self.pace
             )
             explanation = explained_by(self.body, best, seen)
             # if a rival (another pose that fits almost as well) replaced the best pose, the rival's pose serves as the

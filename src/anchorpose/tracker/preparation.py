@@ -22,8 +22,9 @@ from anchorpose.isolation.empty_room import is_outdated, learn_background
 from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.isolation.view import PixelLabel
+from anchorpose.recording.depth_image import read_stream_image
 from anchorpose.recording.reader import read_frame
-from anchorpose.recording.recording import FrameSet, Recording, align_clocks, depths_of
+from anchorpose.recording.recording import FrameSet, Recording, align_clocks
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import agreeing_poses
 from anchorpose.tracker.initial_frame import ranked_by_view, with_best_initial_frame
@@ -88,14 +89,26 @@ def _without_outdated_rooms(recording: Recording, config: TrackConfig) -> tuple[
     """
     if all(room is None for room in recording.backgrounds_m):
         return recording, ()
-    _, samples = sample_recording(recording, config)
     rooms, notes = list(recording.backgrounds_m), []
     for number, (camera, room) in enumerate(zip(recording.cameras, recording.backgrounds_m, strict=True)):
-        frames = depths_of(samples, number)
+        frames = [] if room is None else _own_images(recording, number, config)
         if room is not None and frames and is_outdated(room, frames, camera):
             rooms[number] = None
             notes.append(f"camera {camera.name}: {OUTDATED}, so this image is not used; record the empty room again")
     return replace(recording, backgrounds_m=tuple(rooms)), tuple(notes)
+
+
+def _own_images(recording: Recording, camera: int, config: TrackConfig) -> list[np.ndarray]:
+    """Return depth images of one camera, spread over the tracked range. They are not paired with images of the other
+    cameras, whose clocks are not known yet.
+    """
+    tracked = range(len(recording.streams[0].files))[config.start : config.stop]
+    if not tracked:
+        return []
+    scale = (len(recording.streams[camera].files) - 1) / max(len(recording.streams[0].files) - 1, 1)
+    chosen = np.linspace(tracked[0] * scale, tracked[-1] * scale, config.follow.samples)
+    images = (read_stream_image(recording, camera, k).depth_m for k in np.unique(np.rint(chosen).astype(int)).tolist())
+    return [image for image in images if image is not None]
 
 
 def _settled_in_turn(recording: Recording, config: TrackConfig, review: Review) -> Settled:

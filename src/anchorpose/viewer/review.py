@@ -64,7 +64,7 @@ class Review:
     @property
     def first_s_is_known(self) -> bool:
         """Return whether ``first_s`` is the time of the recording's first frame."""
-        from_start = "recorded" not in self.run and not (self.run.get("config") or {}).get("start")
+        from_start = self.run.get("recorded") is None and not (self.run.get("config") or {}).get("start")
         return self._recorded_s is not None or from_start
 
     @property

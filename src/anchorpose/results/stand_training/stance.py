@@ -269,7 +269,7 @@ class Session:
     @property
     def maybe_upright(self) -> np.ndarray:
         """Return (n,) bool: frames in which the patient is upright; and frames with unknown posture in which the
-        patient is found, if the posture is upright before and after them.
+        patient is found, if the nearest known postures before and after them are upright.
         """
         state, rows = self.posture.upright, np.arange(len(self.seconds))
         known = state != UNKNOWN
