@@ -431,10 +431,10 @@ def test_the_verb_prints_where_it_is_and_stops_on_request(small: tuple[Path, Pat
 def test_a_place_that_is_taken_or_is_another_machines_is_refused(
     server: ViewerServer, small: tuple[Path, Path], tmp_path: Path, refusal
 ) -> None:
-    for results, place, refusal in (
+    for results, place, words in (
         (small[0], ("--port", str(server.guard.port)), "Cannot listen on"),
         (small[0], ("--host", "203.0.113.7"), "Cannot listen on"),
         (small[0], ("--host", ""), "--host is empty"),
         (tmp_path / "none", (), "there is no such folder"),
     ):
-        assert refusal in refusal(["view", str(results), "--no-browser", *place])
+        assert words in refusal(["view", str(results), "--no-browser", *place])
