@@ -12,7 +12,8 @@ from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.live.cameras import Playback
 from anchorpose.live.feed import LiveImage
 from anchorpose.live.markers import MarkerInlet, Trial, plain_text, trials_of
-from anchorpose.live.recorder import Recorder, finish_recording, record_live
+from anchorpose.live.record import record_live
+from anchorpose.live.recorder import Recorder, finish_recording
 from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import RecordingDocument

@@ -12,7 +12,7 @@ from live_builder import Again
 from anchorpose.errors import AnchorposeError
 from anchorpose.live import recorder
 from anchorpose.live.cameras import Playback
-from anchorpose.live.recorder import median_reading, record_live
+from anchorpose.live.record import median_reading, record_live
 from anchorpose.recording.reader import open_recording, read_frame
 from anchorpose.simulate.config import single
 from anchorpose.simulate.write import simulate_recording
@@ -65,21 +65,20 @@ def test_a_failure_is_reported_once_while_the_other_camera_goes_on(recording, tm
     fails = Fails(recording)
     fails.cameras = (replace(other.cameras[0], camera=replace(other.cameras[0].camera, name="second")),)
     other.about = fails.about = None
-    record_live([other, fails], tmp_path / "again", 20.0, 0.0, say, stop)
+    found = open_recording(record_live([other, fails], tmp_path / "again", 20.0, 0.0, say, stop))
     assert time.monotonic() - began_s < 10.0
-    assert sum("check its cable" in sentence for sentence in said) == 1
+    for sentences in (said, found.notes):
+        assert sum("check its cable" in sentence for sentence in sentences) == 1
 
 
 def test_a_nearly_full_disk_ends_the_recording_at_once(recording, tmp_path, monkeypatch):
     monkeypatch.setattr(recorder, "ROOM_EVERY", 2)
     monkeypatch.setattr(recorder, "LEAST_FREE_BYTES", shutil.disk_usage(tmp_path).total * 2)
-    said, began_s = [], time.monotonic()
-    found = open_recording(
-        record_live([Again(recording, fps=10.0)], tmp_path / "again", 20.0, 0.0, said.append, Event())
-    )
+    began_s = time.monotonic()
+    found = open_recording(record_live([Again(recording, fps=10.0)], tmp_path / "again", 20.0, 0.0, print, Event()))
     assert time.monotonic() - began_s < 10.0
     assert len(found.streams[0].files) == 2
-    assert sum("nearly full" in sentence for sentence in said) == 1
+    assert sum("nearly full" in note for note in found.notes) == 1
 
 
 def test_a_source_without_images_leaves_no_recording(recording, tmp_path):

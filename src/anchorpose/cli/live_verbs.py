@@ -163,7 +163,8 @@ def record(
     finish
         Complete the recording in a folder where recording was cut off; no sources are needed.
     """
-    from anchorpose.live.recorder import finish_recording, record_live
+    from anchorpose.live.record import record_live
+    from anchorpose.live.recorder import finish_recording
     from anchorpose.recording.document import read_document
     from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 

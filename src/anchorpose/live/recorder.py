@@ -8,7 +8,7 @@ import re
 import shutil
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -19,14 +19,14 @@ import numpy as np
 
 from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
-from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, MarkerInlet, plain_text, write_events
+from anchorpose.live.feed import LiveImage
+from anchorpose.live.markers import HEAD, MARKERS_FILE, MISSING, plain_text, write_events
 from anchorpose.recording.document import read_document, read_json, read_text
 from anchorpose.recording.equipment import equipment_files
 from anchorpose.recording.recording import LEFT_OUT
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument, read_timestamps
 from anchorpose.recording.regular_file import LARGEST_IMAGE, open_regular, require_regular
-from anchorpose.recording.writable import check_place, new_folder
+from anchorpose.recording.writable import new_folder
 from anchorpose.results.folder import naming_place, write_text_whole
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
 
@@ -121,9 +121,10 @@ class Recorder:
         return path
 
     def _note(self, sentence: str) -> None:
-        """Add a note to the document of the recording."""
+        """Add a note to the document of the recording, once."""
         with self._describing:
-            self._document["notes"] = [*self._document.get("notes", []), sentence]
+            before = self._document.get("notes", [])
+            self._document["notes"] = [*(note for note in before if note != sentence), sentence]
             self._write_document()
 
     def mark(self, text: str, at_s: float) -> None:
@@ -166,11 +167,13 @@ class Recorder:
         partial.write_bytes(encode_grey(grey))
         partial.replace(folder / EMPTY_ROOM_FILE)
 
-    def finish(self) -> Path:
-        """Complete the recording on disk and return its folder; may be called twice."""
+    def finish(self, notes: Sequence[str] = ()) -> Path:
+        """Complete the recording on disk, with these notes, and return its folder; may be called twice."""
         if self.finished:
             return self.folder
         self.abandon()
+        for note in notes:
+            self._note(note.removesuffix("."))
         if self._began is None and self._first_s:  # the first camera gave no image
             self._begin(min(self._first_s))
         self._sync()
@@ -306,102 +309,3 @@ def _remove_without_row(folder: Path) -> None:
     for file in (folder / "depth").iterdir():
         if file.name not in known and IMAGE_NAME.fullmatch(file.name):
             file.unlink()
-
-
-ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; more images do not improve the median
-REPORT_S: Final = 10.0
-
-
-def record_live(
-    sources: Sequence[LiveSource],
-    out: Path,
-    seconds: float | None,
-    empty_room_s: float,
-    say: Callable[[str], None],
-    stop: Event,
-    markers: str | None = None,
-) -> Path:
-    """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
-
-    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: name of the marker
-    stream to keep. Raises AnchorposeError if no camera gives an image, or if the stream does not exist.
-    """
-    about = about_folder(sources)
-    check_place(out, about)
-    inlet = None if markers is None else MarkerInlet(markers)
-    intake = Intake(sources)
-    recorder = Recorder(out, intake.cameras, about)
-    try:
-        if inlet is not None:
-            inlet.start(recorder.mark)
-        if empty_room_s > 0.0:
-            intake.start()
-            _record_empty_room(intake, recorder, empty_room_s, say, stop)
-        intake.add(recorder.put)
-        intake.start()
-        say("Recording. Stop with Ctrl+C.")
-        said = _wait(intake, recorder, seconds, say, stop)
-    finally:
-        intake.stop()
-        if inlet is not None:
-            inlet.stop()
-        recorder.abandon()
-    for sentence in intake.failed[said:]:
-        say(sentence)
-    if recorder.images == 0:
-        raise AnchorposeError("No camera gave a depth image; check the cables.")
-    return recorder.finish()
-
-
-def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> int:
-    """Wait for the end of the recording, and report how it goes; a recorder that gets no more images, as on a nearly
-    full disk, is the end. Return how many failures were reported.
-    """
-    said = 0
-    began_s = reported_s = time.monotonic()
-    until_s = np.inf if seconds is None else began_s + seconds
-    while intake.running and intake.has(recorder.put) and time.monotonic() < until_s and not stop.wait(0.05):
-        for sentence in intake.failures[said:]:
-            say(sentence)
-            said += 1
-        if time.monotonic() - reported_s > REPORT_S:
-            reported_s = time.monotonic()
-            say(f"{recorder.images} depth images in {reported_s - began_s:.0f} s.")
-            for camera in intake.feed.silent():
-                say(f"No images come from {intake.cameras[camera].camera.name}: check the cable.")
-    return said
-
-
-def _record_empty_room(
-    intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
-) -> None:
-    """Record the empty room as each camera's median depth image. A pixel of the median has no reading if most images
-    have no reading there.
-    """
-    seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
-
-    def keep(image: LiveImage) -> None:
-        if len(seen[image.camera]) < ROOM_IMAGES:
-            seen[image.camera].append(image.grey)
-
-    say(f"Leave the room: it is recorded for {seconds:.0f} s.")
-    intake.add(keep)
-    end_s = time.monotonic() + seconds
-    while intake.running and time.monotonic() < end_s and not stop.wait(0.05):
-        pass
-    intake.remove(keep)
-    for camera, images in enumerate(seen):
-        if images:
-            recorder.write_empty_room(camera, median_reading(np.stack(images)))
-    say("The empty room is recorded; come in.")
-
-
-def median_reading(grey: np.ndarray) -> np.ndarray:
-    """Return each pixel's median (height, width) uint16 of its readings in the images (n, height, width) uint16; 0
-    where most of the images have no reading.
-    """
-    ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
-    empty = (grey == 0).sum(axis=0)
-    middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)
-    found = np.take_along_axis(ordered, middle[None], axis=0)[0]
-    return np.where(2 * empty <= len(grey), found, 0).astype(np.uint16)

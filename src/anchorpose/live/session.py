@@ -93,11 +93,11 @@ def _stop(inlet: MarkerInlet | None) -> None:
 
 
 def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
-    """Finish the recording and return its folder. Return None without a recording, or if the recording cannot be
-    finished; then ``intake.failures`` gets a sentence with the reason.
+    """Finish the recording, with notes on failures, and return its folder. Return None without a recording, or if the
+    recording cannot be finished; then ``intake.failures`` gets a sentence with the reason.
     """
     try:
-        return None if recorder is None else recorder.finish()
+        return None if recorder is None else recorder.finish(intake.failed)
     except (AnchorposeError, OSError) as error:
         remedy = "'anchorpose record --finish' completes it"
         intake.failures.append(f"the recording of the depth images is not finished ({error}): {remedy}")

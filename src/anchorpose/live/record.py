@@ -1,0 +1,114 @@
+"""Record all cameras: the empty room first, then every image until the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from threading import Event
+from typing import Final
+
+import numpy as np
+
+from anchorpose.errors import AnchorposeError
+from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
+from anchorpose.live.markers import MarkerInlet
+from anchorpose.live.recorder import Recorder
+from anchorpose.recording.writable import check_place
+
+ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; more images do not improve the median
+REPORT_S: Final = 10.0
+
+
+def record_live(
+    sources: Sequence[LiveSource],
+    out: Path,
+    seconds: float | None,
+    empty_room_s: float,
+    say: Callable[[str], None],
+    stop: Event,
+    markers: str | None = None,
+) -> Path:
+    """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
+
+    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: name of the marker
+    stream to keep. Failures of cameras become notes of the recording. Raises AnchorposeError if no camera gives an
+    image, or if the stream does not exist.
+    """
+    about = about_folder(sources)
+    check_place(out, about)
+    inlet = None if markers is None else MarkerInlet(markers)
+    intake = Intake(sources)
+    recorder = Recorder(out, intake.cameras, about)
+    try:
+        if inlet is not None:
+            inlet.start(recorder.mark)
+        if empty_room_s > 0.0:
+            intake.start()
+            _record_empty_room(intake, recorder, empty_room_s, say, stop)
+        intake.add(recorder.put)
+        intake.start()
+        say("Recording. Stop with Ctrl+C.")
+        _wait(intake, recorder, seconds, say, stop)
+    finally:
+        intake.stop()
+        if inlet is not None:
+            inlet.stop()
+        recorder.abandon()
+    if recorder.images == 0:
+        why = "".join(f" ({sentence})" for sentence in intake.failed)
+        raise AnchorposeError(f"No camera gave a depth image{why}; check the cables.")
+    return recorder.finish(intake.failed)
+
+
+def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> None:
+    """Wait for the end of the recording, and report how it goes; a recorder that gets no more images, as on a nearly
+    full disk, is the end.
+    """
+    said = 0
+    began_s = reported_s = time.monotonic()
+    until_s = np.inf if seconds is None else began_s + seconds
+    while intake.running and intake.has(recorder.put) and time.monotonic() < until_s and not stop.wait(0.05):
+        for sentence in intake.failures[said:]:
+            say(sentence)
+            said += 1
+        if time.monotonic() - reported_s > REPORT_S:
+            reported_s = time.monotonic()
+            say(f"{recorder.images} depth images in {reported_s - began_s:.0f} s.")
+            for camera in intake.feed.silent():
+                say(f"No images come from {intake.cameras[camera].camera.name}: check the cable.")
+
+
+def _record_empty_room(
+    intake: Intake, recorder: Recorder, seconds: float, say: Callable[[str], None], stop: Event
+) -> None:
+    """Record the empty room as each camera's median depth image. A pixel of the median has no reading if most images
+    have no reading there.
+    """
+    seen: list[list[np.ndarray]] = [[] for _ in intake.cameras]
+
+    def keep(image: LiveImage) -> None:
+        if len(seen[image.camera]) < ROOM_IMAGES:
+            seen[image.camera].append(image.grey)
+
+    say(f"Leave the room: it is recorded for {seconds:.0f} s.")
+    intake.add(keep)
+    end_s = time.monotonic() + seconds
+    while intake.running and time.monotonic() < end_s and not stop.wait(0.05):
+        pass
+    intake.remove(keep)
+    for camera, images in enumerate(seen):
+        if images:
+            recorder.write_empty_room(camera, median_reading(np.stack(images)))
+    say("The empty room is recorded; come in.")
+
+
+def median_reading(grey: np.ndarray) -> np.ndarray:
+    """Return each pixel's median (height, width) uint16 of its readings in the images (n, height, width) uint16; 0
+    where most of the images have no reading.
+    """
+    ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
+    empty = (grey == 0).sum(axis=0)
+    middle = np.minimum((empty + len(grey)) // 2, len(grey) - 1)
+    found = np.take_along_axis(ordered, middle[None], axis=0)[0]
+    return np.where(2 * empty <= len(grey), found, 0).astype(np.uint16)
