@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
@@ -27,8 +27,8 @@ DATA: Final = Path(__file__).resolve().parents[2] / "shared" / "data"
 MOVEMENTS: Final = DATA / "uiprmd_kinect" / "skeletons.npz"
 """Captured rehabilitation movements; recordings that need this file are left out if it is absent."""
 
-SOURCES: Final = ("simulate", "body/data", "body/kinematics.py", "body/asset.py", "camera.py", "joints.py")
-"""What a simulated recording depends on, besides its settings."""
+STAGES: Final = ("isolation", "descriptor", "calibration", "surface", "geodesics")
+"""The tracker's stages, of which the simulator imports classes of data only; a recording does not depend on them."""
 
 DIGITS: Final = 16  # of a digest in a folder's name
 
@@ -190,14 +190,29 @@ def _is_prose(step: ast.stmt) -> bool:
 
 @functools.cache
 def simulator_digest() -> str:
-    """Return the SHA-256 of the code and data that a simulated recording depends on."""
+    """Return the SHA-256 of all code that the simulator imports, except ``STAGES``, and of the body's data."""
     root, digest = Path(anchorpose.__file__).parent, hashlib.sha256()
-    for source in SOURCES:
-        place = root / source
-        for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
-            if path.is_file() and path.suffix in (".py", ".npz"):
-                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + code_of(path))
+    for path in [*sorted(imported(root, (root / "simulate").rglob("*.py"))), *sorted((root / "body/data").iterdir())]:
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + code_of(path))
     return digest.hexdigest()
+
+
+def imported(root: Path, modules: Iterable[Path]) -> set[Path]:
+    """Return the files ``modules``, and the files of the package in folder ``root`` that these import, directly or
+    through each other, except those of ``STAGES``.
+    """
+    found, waiting = set[Path](), list(modules)
+    while waiting:
+        path = waiting.pop()
+        if path in found or path.relative_to(root).parts[0] in STAGES:
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(f"{root.name}."):
+                place = root.joinpath(*node.module.split(".")[1:])
+                names = (place / f"{alias.name}.py" for alias in node.names)
+                waiting += [one for one in (place.with_suffix(".py"), *names) if one.is_file()]
+    return found
 
 
 def _source_of(programme: Programme | None) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -107,7 +107,9 @@ def tracked(results: Path, ready: Ready, named: dict[str, Any], version: Version
 
 
 def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
-    """Run a suite; return per version the rows in the order in which the suite declares them."""
+    """Run a suite; return per version the rows in the order in which the suite declares them, with the same recordings
+    in the same order for all versions.
+    """
     cases = cases_of([suite], plan.use, plan.quick)[suite]
     if SUITES[suite].alone:
         _compile(plan)
@@ -124,8 +126,7 @@ def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
             _say(f"{suite}: {number} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
     if faults:  # raised only now, so that the results of the other cases are kept
         raise RuntimeError(f"{suite} could not be measured: {'; '.join(faults)}")
-    versions = range(len(plan.versions))
-    return [_rows(found[index][version] for index in range(len(cases))) for version in versions]
+    return _rows([found[index] for index in range(len(cases))], len(plan.versions))
 
 
 def _compile(plan: Plan) -> None:
@@ -136,11 +137,16 @@ def _compile(plan: Plan) -> None:
         tracked(plan.cache / "results" / f"warm-{version.digest}", ready, {}, version)
 
 
-def _rows(found: Iterator[Sequence[tuple[str, dict[str, float]]]]) -> Rows:
-    rows: Rows = {}
-    for scored in found:
-        for row, scores in scored:
-            rows.setdefault(row, []).append(scores)
+def _rows(found: Sequence[Sequence[Sequence[tuple[str, dict[str, float]]]]], versions: int) -> list[Rows]:
+    """Return per version the rows of all cases. A case in which only another version has a row, such as a body part
+    that only this version reports as touched, has no scores in this row.
+    """
+    rows: list[Rows] = [{} for _ in range(versions)]
+    for case in found:
+        of_version = [dict(scored) for scored in case]
+        for row in dict.fromkeys(row for scored in of_version for row in scored):
+            for of, scored in zip(rows, of_version, strict=True):
+                of.setdefault(row, []).append(scored.get(row, {}))
     return rows
 
 

@@ -85,7 +85,7 @@ def table(rows: Mapping[str, Measured], names: Sequence[str] = ()) -> str:
     titles = ["scene", "recordings", *(one.title for one in shown)]
     lines = [f"| {' | '.join(titles)} |", "|---|--:|" + "".join(f"{one.align}|" for one in shown)]
     for row, measured in rows.items():
-        lines.append(f"| {' | '.join((row, str(len(measured)), *(one.cell(measured) for one in shown)))} |")
+        lines.append(f"| {' | '.join((row, str(sum(map(bool, measured))), *(one.cell(measured) for one in shown)))} |")
     return "\n".join(lines)
 
 
@@ -98,7 +98,9 @@ def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
-    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, for the same recordings in the same order."""
+    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, whose rows have the same recordings in the same
+    order. Recordings for which only one of them has a score are left out.
+    """
     columns = columns_of(now, PAIRED)
     titles = ["scene", *(column.title for column in columns)]
     lines = [f"Now less {title}:", "", f"| {' | '.join(titles)} |", "|---|" + "--:|" * len(columns)]

@@ -63,6 +63,7 @@ from anchorpose.track_inputs import ReviewFile, TrackInputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.frame_record import TrackedFrame
 from anchorpose.tracker.learning_pass import LearntPatient
+from anchorpose.tracker.preparation import MOVED
 from anchorpose.tracker.prior_shape import SYSTEMATIC_M
 from anchorpose.tracker.room import Room, Run
 
@@ -267,9 +268,10 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """Return a sentence on the source of each camera's empty room, then one on each camera whose filters blur depth
-    edges, then one on each camera whose noise was not measured.
+    """Return a sentence on the source of each camera's empty room, then one on each camera that moved, one on each
+    camera whose filters blur depth edges, and one on each camera whose noise was not measured.
     """
+    moved = [f"camera {scene.camera.name} {MOVED}" for scene in room.scenes if scene.background.moved]
     rooms = [f"camera {scene.camera.name}, empty room: {scene.background.source.value}" for scene in room.scenes]
     sensors = [(f"camera {scene.camera.name}", scene.background.sensor) for scene in room.scenes]
     coarse = [
@@ -278,7 +280,7 @@ def _about_depth(room: Room) -> list[str]:
         for camera, sensor in sensors
         if sensor.filtered
     ]
-    return [*rooms, *coarse] + [
+    return [*rooms, *moved, *coarse] + [
         f"{camera}: no still background is seen to measure its noise on; it is estimated from neighbouring readings, "
         "which does not show the errors that they share, so sigma may be too small"
         for camera, sensor in sensors

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.camera import transform_points
 from anchorpose.isolation.background import BackgroundSource, foreground
-from anchorpose.isolation.empty_room import is_outdated, learn_background
+from anchorpose.isolation.empty_room import has_moved, is_outdated, learn_background
 from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import Box, EquipmentModel
 
@@ -93,11 +93,11 @@ def test_a_camera_that_reads_only_three_metres_far_shows_a_room():
     assert found[~expected].mean() < 0.01
 
 
-def pitched(turn_deg: float, axis: str) -> np.ndarray:
+def pitched(turn_deg: float, axis: str, seed: int = 99) -> np.ndarray:
     """The image of the empty room of a camera that has since been turned to the pose of FRONT."""
     pose = FRONT.require_pose().copy()
     pose[:3, :3] @= Rotation.from_euler(axis, turn_deg, degrees=True).as_matrix()
-    return picture(replace(FRONT, T_world_camera=pose), *ROOM, seed=99)
+    return picture(replace(FRONT, T_world_camera=pose), *ROOM, seed=seed)
 
 
 WALK = [picture(FRONT, *ROOM, *body(0.0, z), seed=k) for k, z in enumerate(np.linspace(-1.0, 1.0, 8))]
@@ -128,6 +128,20 @@ def test_a_single_frame_does_not_show_that_a_picture_is_outdated():
     """Its noise is unknown, and so is the noise of images without readings."""
     assert not is_outdated(pitched(1.0, "x"), WALK[:1], FRONT)
     assert not is_outdated(pitched(1.0, "x"), [np.zeros_like(WALK[0])] * 2, FRONT)
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["picture of the room", "learnt room"])
+@pytest.mark.parametrize(("axis", "turn_deg"), [("x", 0.5), ("x", -1.0), ("y", 3.0), ("z", 2.0)])
+def test_a_camera_that_is_knocked_during_the_recording_has_moved(axis, turn_deg, given):
+    knocked = WALK[: len(WALK) // 2] + [pitched(turn_deg, axis, seed) for seed in range(50, 50 + len(WALK) // 2)]
+    assert has_moved(learn_background(EMPTY if given else None, knocked, FRONT, 0.0), knocked)
+
+
+@pytest.mark.parametrize("width_px", [1, 11], ids=["sharp", "filtered"])
+def test_noise_and_people_do_not_move_a_camera(width_px):
+    frames = [filtered(frame, width_px) for frame in WALK]
+    assert not has_moved(learn_background(filtered(EMPTY, width_px), frames, FRONT, 0.0), frames)
+    assert not has_moved(learn_background(EMPTY, WALK[:2], FRONT, 0.0), WALK[:2])
 
 
 FRAME = EquipmentModel(

@@ -34,7 +34,7 @@ from anchorpose.threads import one_thread
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.given_poses import REMEDY, PosesAsked, ask_poses, remedy_of
 from anchorpose.tracker.look import Look
-from anchorpose.tracker.preparation import OUTDATED
+from anchorpose.tracker.preparation import MOVED, OUTDATED
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
@@ -222,7 +222,7 @@ def check_patient(material: Material) -> list[Finding]:
     found = [_found(look)]
     if material.patient:
         found += [_whole(material), _distance(material), _hidden(material)]
-    return [*found, _others(look), _mirrors(look), _empty_room(look, material.recording.backgrounds_m)]
+    return [*found, _others(look), _mirrors(look), _still(look), _empty_room(look, material.recording.backgrounds_m)]
 
 
 def _found(look: Look) -> Finding:
@@ -326,6 +326,14 @@ def _mirrors(look: Look) -> Finding:
         remedy = "cover mirrors, or turn the camera away from them"
         return Finding("mirrors", Level.YELLOW, "; ".join(look.notes), remedy)
     return Finding("mirrors", Level.GREEN, "none found")
+
+
+def _still(look: Look) -> Finding:
+    moved = [scene.camera.name for scene in look.scenes if scene.background.moved]
+    if not moved:
+        return Finding("cameras stay", Level.GREEN, "no camera moved")
+    remedy = "track the frames before and after the move separately, with --start and --stop"
+    return Finding("cameras stay", Level.YELLOW, f"{', '.join(moved)} {MOVED}", remedy)
 
 
 def _empty_room(look: Look, recorded_m: Sequence[np.ndarray | None]) -> Finding:

@@ -59,6 +59,7 @@ class BackgroundModel:
     layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
     # share, among the pixels with a known room depth, of pixels that show the room (median over frames); 0 = unknown
     usual_share: float = 0.0
+    moved: bool = False  # whether the camera or much of the room moved during the recording
 
 
 def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -> tuple[np.ndarray, np.ndarray]:

@@ -122,12 +122,35 @@ def is_outdated(empty_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Cam
     law = measure_noise(depth, _noise_behind(depth, frames_m, noise), frames_m, camera, noise)
     if not law.measured:
         return False
-    known = np.where(depth > 0, depth, np.float32(1.0))
+    off = _off_room(depth, frames_m, law, step_per_m(frames_m))
+    return bool(np.mean(np.abs(off) > BACKGROUND_GATE) > OUTDATED_SHARE)
+
+
+def has_moved(model: BackgroundModel, frames_m: Sequence[np.ndarray]) -> bool:
+    """Return whether the camera, or much of the room, moved while the frames (height, width) float32 were recorded, or
+    whether the camera's depth drifted.
+
+    frames_m: spread over the recording, in order. The test is that of ``is_outdated``, but compares the first third of
+    the frames with the last third. Return False if the noise was not measured.
+    """
+    third = len(frames_m) // 3
+    if third == 0 or not model.sensor.noise.measured:
+        return False
+    parts = (frames_m[:third], frames_m[-third:])
+    first, last = (_off_room(model.depth_m, part, model.sensor.noise, model.sensor.step_per_m) for part in parts)
+    return bool(np.mean(np.abs(last - first) > BACKGROUND_GATE) > OUTDATED_SHARE)
+
+
+def _off_room(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], law: DepthNoise, step_per_m: float) -> np.ndarray:
+    """Return (rows, columns): how many sigmas the readings of each image block lie behind the room (median); NaN with
+    too few readings. Readings farther than ``NEARER_M`` from the room are left out.
+    """
+    known = np.where(depth_m > 0, depth_m, np.float32(1.0))
     # two grey values that differ by one step may stand for the same depth
-    sigma = np.maximum(law.sigma_m(known), step_per_m(frames_m) * known**2)
-    near = [(depth > 0) & (frame > 0) & (np.abs(frame - depth) < NEARER_M) for frame in frames_m]
-    off = [np.where(here, (frame - depth) / sigma, np.nan) for here, frame in zip(near, frames_m, strict=True)]
-    return bool(np.mean(np.abs(_block_median(np.stack(off))) > BACKGROUND_GATE) > OUTDATED_SHARE)
+    sigma = np.maximum(law.sigma_m(known), step_per_m * known**2)
+    near = [(depth_m > 0) & (frame > 0) & (np.abs(frame - depth_m) < NEARER_M) for frame in frames_m]
+    off = [np.where(here, (frame - depth_m) / sigma, np.nan) for here, frame in zip(near, frames_m, strict=True)]
+    return _block_median(np.stack(off))
 
 
 def _sensor(detail: DepthDetail, noise: float, law: DepthNoise) -> Sensor:

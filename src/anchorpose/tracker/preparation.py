@@ -18,7 +18,7 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import Camera
 from anchorpose.errors import InputError
 from anchorpose.isolation.background import BackgroundModel
-from anchorpose.isolation.empty_room import is_outdated, learn_background
+from anchorpose.isolation.empty_room import has_moved, is_outdated, learn_background
 from anchorpose.isolation.other_place import usual_share, without_other_places
 from anchorpose.isolation.scene import Scene, set_scene
 from anchorpose.isolation.view import PixelLabel
@@ -42,6 +42,7 @@ BLIND_SAMPLES = 3
 # person walks only half a step
 AROUND: Final = 6
 OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
+MOVED: Final = "moved during the recording, or its depth drifted: positions from before and after do not fit together"
 LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
 
 
@@ -273,7 +274,8 @@ def _background(settled: Settled, number: int) -> BackgroundModel:
         raise InputError(where, "none of the sampled depth images can be read", "record or copy this camera again")
     floor_m, equipment = settled.calibration.floor_height_m, recording.equipment
     model = learn_background(recording.backgrounds_m[number], frames, camera, floor_m, equipment)
-    return replace(model, usual_share=usual_share(model.depth_m, model.sigma_m, frames))
+    share = usual_share(model.depth_m, model.sigma_m, frames)
+    return replace(model, usual_share=share, moved=has_moved(model, frames))
 
 
 def heading_of_patient(
