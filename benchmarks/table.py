@@ -98,8 +98,8 @@ def _named(name: str, rows: Mapping[str, Measured]) -> Column | Remark:
 
 
 def differences(now: Mapping[str, Measured], before: Mapping[str, Measured], title: str) -> str:
-    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, whose rows have the same recordings in the same
-    order. Recordings for which only one of them has a score are left out.
+    """Return Markdown: mean and 95 % interval of ``now`` less ``before``, whose rows have the same recordings in the
+    same order. Recordings for which only one of them has a score are left out.
     """
     columns = columns_of(now, PAIRED)
     titles = ["scene", *(column.title for column in columns)]
