@@ -141,8 +141,9 @@ def test_both_knees_of_a_file_get_the_sign_of_the_results(tmp_path: Path, sign: 
     assert found.notes[-1].startswith(f"knee_angle_r and knee_angle_l: taken with {how}; ")
 
 
-def test_knees_whose_sign_is_undecided_are_left_out_until_the_file_states_it(tmp_path: Path):
-    ours, straight = _knees(2.0 + 3.0 * SWAY, 1.0 + 3.0 * SWAY), {"l": 3.0 * SWAY - 2.0, "r": 3.0 * SWAY - 1.0}
+@pytest.mark.parametrize("off_deg", [-2.0, 2.0])
+def test_knees_whose_sign_is_undecided_are_left_out_until_the_file_states_it(tmp_path: Path, off_deg: float):
+    ours, straight = _knees(2.0 + 3.0 * SWAY, 1.0 + 3.0 * SWAY), {"l": off_deg + 3.0 * SWAY, "r": 3.0 * SWAY}
     path = _write_mot(tmp_path / "a.mot", {f"knee_angle_{side}": angle for side, angle in straight.items()})
     found = with_knee_sign(read_reference(path), ours)
     assert np.isnan(found.degrees).all()
