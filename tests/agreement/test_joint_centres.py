@@ -147,7 +147,7 @@ def test_knees_whose_sign_is_undecided_are_left_out_until_the_file_states_it(tmp
     path = _write_mot(tmp_path / "a.mot", {f"knee_angle_{side}": angle for side, angle in straight.items()})
     found = with_knee_sign(read_reference(path), ours)
     assert np.isnan(found.degrees).all()
-    assert "left out, since either sign fits" in found.notes[-1]
+    assert "left out, since the results do not show" in found.notes[-1]
     assert "name the angles knee_flexion_left and knee_flexion_right" in found.notes[-1]
     named = {"knee_flexion_left": straight["l"], "knee_flexion_right": straight["r"]}
     stated = read_reference(_write_mot(path, named))

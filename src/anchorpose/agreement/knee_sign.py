@@ -58,4 +58,4 @@ def _sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
         return 1.0, "taken with the sign as given"
     if as_given_deg - opposite_deg > LARGEST_ZERO_DEG:
         return -1.0, "taken with the opposite sign"
-    return float("nan"), "left out, since either sign fits the results about equally well"
+    return float("nan"), "left out, since the results do not show which sign means flexion"
