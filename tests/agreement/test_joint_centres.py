@@ -1,12 +1,14 @@
-"""Joint centres from markers against known answers; files against another library."""
+"""Joint centres from markers and the sign of knees against known answers; files against another library."""
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.captured import read_captured
+from anchorpose.agreement.knee_sign import with_knee_sign
 from anchorpose.agreement.reference import (
     functional_centre,
     harrington_hip,
@@ -18,6 +20,7 @@ from anchorpose.agreement.reference import (
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import HipCentre
+from anchorpose.results.tables import AngleTable
 
 
 def test_the_hip_is_where_harrington_puts_it_in_any_pose():
@@ -96,14 +99,63 @@ def test_points_of_a_c3d_beyond_its_labels_are_left_out(tmp_path: Path):
         read_captured(tmp_path / "b.c3d")
 
 
-def test_a_mot_in_radians_gives_degrees_and_a_knee_that_bends_backwards_is_turned_round(tmp_path: Path):
-    rows = "\n".join(f"{t / 10}\t{-t / 10}\t0.9" for t in range(12))
+def _write_mot(path: Path, angles: dict[str, np.ndarray]) -> Path:
+    """A MOT file with one angle per column, in degrees, at 10 Hz."""
+    rows = np.column_stack([np.arange(len(next(iter(angles.values())))) / 10.0, *angles.values()]).tolist()
+    head = ["m", "version=1", "inDegrees=yes", "endheader", "\t".join(["time", *angles])]
+    path.write_text("\n".join([*head, *("\t".join(map(repr, row)) for row in rows)]) + "\n", encoding="utf-8")
+    return path
+
+
+def _knees(left_deg: np.ndarray, right_deg: np.ndarray) -> AngleTable:
+    """The knees of results, all seen."""
+    degrees = np.stack([left_deg, right_deg], axis=1)
+    names = ("knee_flexion_left", "knee_flexion_right")
+    frame, state_code = np.arange(len(degrees)), np.zeros(degrees.shape, np.int8)
+    return AngleTable(frame, frame / 10.0, names, degrees, state_code, np.ones(degrees.shape))
+
+
+SWAY: Final = np.sin(np.linspace(0.0, 20.0, 80))
+
+
+def test_a_mot_in_radians_gives_degrees(tmp_path: Path):
+    rows = "\n".join(f"{t / 10}\t{t / 10}\t0.9" for t in range(12))
     text = f"m\nversion=1\ninDegrees=no\nendheader\ntime\tknee_angle_r\tpelvis_ty\n{rows}\n"
     (tmp_path / "a.mot").write_text(text, encoding="utf-8")
     found = read_reference(tmp_path / "a.mot")
-    assert found.angles == ("knee_flexion_right",)
+    assert (found.angles, found.labels) == (("knee_flexion_right",), ("knee_angle_r",))
     assert found.degrees[:, 0] == pytest.approx(np.degrees(np.arange(12) / 10))
-    assert any("opposite sign" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("left", "right"), [(13.0, 11.0), (30.0, 2.0), (-9.0, -7.0)])
+def test_both_knees_of_a_file_get_the_sign_of_the_results(tmp_path: Path, sign: float, left: float, right: float):
+    """In a standing frame, with one knee nearly straight, and with overstretched knees."""
+    ours = _knees(left + 4.0 * SWAY, right + 2.0 * SWAY)
+    in_file = {"knee_angle_r": sign * (right + 3.0 * SWAY), "hip_flexion_r": SWAY, "knee_angle_l": sign * (left + SWAY)}
+    found = with_knee_sign(read_reference(_write_mot(tmp_path / "a.mot", in_file)), ours)
+    assert found.angles == ("knee_flexion_right", "hip_pelvis_flexion_right", "knee_flexion_left")
+    expected = [in_file["knee_angle_r"] * sign, SWAY, in_file["knee_angle_l"] * sign]
+    assert found.degrees == pytest.approx(np.stack(expected, axis=1))
+    how = "the sign as given" if sign > 0 else "the opposite sign"
+    assert found.notes[-1].startswith(f"knee_angle_r and knee_angle_l: taken with {how}; ")
+
+
+@pytest.mark.parametrize("off_deg", [-2.0, 2.0])
+def test_knees_whose_sign_is_undecided_are_left_out_until_the_file_states_it(tmp_path: Path, off_deg: float):
+    ours, straight = _knees(2.0 + 3.0 * SWAY, 1.0 + 3.0 * SWAY), {"l": off_deg + 3.0 * SWAY, "r": 3.0 * SWAY}
+    path = _write_mot(tmp_path / "a.mot", {f"knee_angle_{side}": angle for side, angle in straight.items()})
+    found = with_knee_sign(read_reference(path), ours)
+    assert np.isnan(found.degrees).all()
+    assert "left out, since the results do not show" in found.notes[-1]
+    assert "name the angles knee_flexion_left and knee_flexion_right" in found.notes[-1]
+    named = {"knee_flexion_left": straight["l"], "knee_flexion_right": straight["r"]}
+    stated = read_reference(_write_mot(path, named))
+    assert with_knee_sign(stated, ours) is stated
+    lost = with_knee_sign(
+        read_reference(_write_mot(path, {"knee_angle_l": 50.0 + SWAY})), _knees(SWAY * np.nan, 50.0 + SWAY)
+    )
+    assert np.isnan(lost.degrees).all()
 
 
 def test_a_csv_has_points_and_angles_with_empty_cells(tmp_path: Path):

@@ -18,6 +18,8 @@ from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import ReferenceSettings
+from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.tables import JOINTS_FILE, read_joints
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +100,19 @@ def _edited(lab: Laboratory, path: Path, change) -> Path:
     lines = lab.reference.read_text(encoding="utf-8").splitlines()
     path.write_text("\n".join(change(lines)) + "\n", encoding="utf-8")
     return path
+
+
+def test_knees_that_bend_backwards_in_the_file_are_compared_with_the_sign_of_the_results(lab, tmp_path):
+    ours = joint_angles(read_joints(lab.results / JOINTS_FILE))
+    names = ("knee_flexion_left", "knee_flexion_right")
+    bent = ours.degrees[:, [ours.column(name) for name in names]]
+    rows = np.column_stack([ours.time_s, -bent]).tolist()
+    text = "\n".join(["time_s,knee_angle_l_deg,knee_angle_r_deg", *(",".join(map(repr, row)) for row in rows)])
+    (tmp_path / "angles.csv").write_text(text, encoding="utf-8")
+    found = match_results(lab.results, read_reference(tmp_path / "angles.csv"))
+    assert found.given_names == names
+    assert np.nanmedian(np.abs(found.given_deg - bent)) < 0.1
+    assert "opposite sign" in found.reference.notes[-1]
 
 
 def test_left_and_right_exchanged_are_found_and_said(lab, tmp_path):

@@ -113,6 +113,14 @@ def test_angles_within_half_a_turn_are_not_moved():
     np.testing.assert_array_equal(on_shortest_arc(np.array([-179.0, 178.0, 179.0])), [181.0, 178.0, 179.0])
 
 
+def test_turns_are_not_counted_and_a_curve_of_more_than_a_turn_jumps_as_the_page_states():
+    turned = np.linspace(0.0, 400.0, 600)
+    moved = on_shortest_arc((turned + 180.0) % 360.0 - 180.0)
+    assert np.ptp(moved) <= 360.0
+    jumps = np.diff(moved)[np.abs(np.diff(moved)) > 180.0]
+    assert jumps == pytest.approx([-360.0], abs=1.0)
+
+
 def test_numbers_have_the_digits_that_their_error_leaves():
     assert [decimals_for(error, 12.3456) for error in (0.012, 0.24, 2.9, 3.6, 31.0, None)] == [3, 2, 1, 0, 0, 1]
     assert (number(-0.2, 0), number(-1234.5, 1)) == ("0", "\u22121\u202f234.5")

@@ -188,6 +188,34 @@ def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
         assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
 
 
+@pytest.mark.parametrize(
+    ("bend_deg", "raised_deg"), [(31.0, 119.5), (35.0, 126.4), (90.0, 150.0), (145.0, 126.4), (149.0, 119.5)]
+)
+def test_how_far_a_bent_arm_may_be_raised_depends_on_its_bend_as_the_page_states(bend_deg, raised_deg):
+    """The limit is sin(bend) cos(raised / 2) = sin 15 degrees."""
+    arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], bend_deg)
+    for degrees, told in ((raised_deg - 1.0, True), (raised_deg + 1.0, False)):
+        raised = _turn(arm, "ShoulderLeft", ["ElbowLeft", "WristLeft", "HandLeft"], degrees)
+        assert np.isfinite(_angle(raised, "shoulder_rotation_left")) == told
+
+
+@pytest.mark.parametrize(("bend_deg", "least_deg"), [(35.0, 26.8), (90.0, 15.0), (145.0, 26.8)])
+def test_how_near_a_thigh_may_come_to_the_line_of_the_hips_depends_on_the_bend_as_the_page_states(bend_deg, least_deg):
+    """The limit is sin(bend) sin(angle to the line of the hips) = sin 15 degrees."""
+    leg = _turn(standing_joints(), "KneeRight", ["AnkleRight", "FootRight"], -bend_deg)
+    for degrees, told in ((least_deg + 1.0, True), (least_deg - 1.0, False)):
+        aside = _turn(leg, "HipRight", ["KneeRight", "AnkleRight"], 90.0 - degrees, np.array([-1.0, 0.0, 0.0]))
+        assert np.isfinite(_angle(aside, "hip_rotation_right")) == told
+
+
+@pytest.mark.parametrize(("bend_deg", "told"), [(149.0, True), (151.0, False)])
+def test_a_folded_limb_does_not_show_how_it_is_turned(bend_deg, told):
+    leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -bend_deg)
+    arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], bend_deg)
+    assert np.isfinite(_angle(leg, "hip_rotation_left")) == told
+    assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
+
+
 def test_near_the_axis_that_it_turns_about_an_angle_is_not_given_though_its_joints_are_seen():
     for degrees, told in ((10.0, False), (20.0, True)):
         arm = ["ElbowLeft", "WristLeft", "HandLeft"]

@@ -176,6 +176,32 @@ def test_frames_to_check_name_what_is_wrong_and_lie_apart(review: Review) -> Non
     assert np.diff(sorted(review.joints.time_s[frame.position] for frame in unsure)).min() >= APART_S
 
 
+def test_an_interval_of_unusable_images_is_listed_once_and_the_longest_comes_first(review: Review) -> None:
+    frames = (2, *range(20, 36), 38, 44)  # at 15 frames per second, so that 44 lies within a second of 38
+    dropped = [{"frame": frame, "time_s": frame / 15.0, "why": f"no depth in {frame}"} for frame in frames]
+    joints = replace(review.joints, state_code=np.zeros_like(review.joints.state_code))
+    found = [frame for frame in worst_frames(joints, np.ones(FRAMES), dropped) if frame.reason.startswith("no depth")]
+    assert [(frame.position, frame.reason) for frame in found] == [(row, f"no depth in {row}") for row in (20, 2, 38)]
+    every_second = [{"frame": frame, "time_s": frame / 15.0, "why": "dark"} for frame in range(0, FRAMES, 10)]
+    found = [frame for frame in worst_frames(joints, np.ones(FRAMES), every_second) if frame.reason == "dark"]
+    assert np.diff([joints.time_s[frame.position] for frame in found]).min() >= APART_S
+
+
+def test_a_curve_is_broken_at_a_pause_and_where_an_angle_passes_180_degrees(review: Review) -> None:
+    """The broken points are found in every stretch of the recording that the page asks for, however short."""
+    joints, angles = review.joints, review.angles
+    time_s, degrees = joints.time_s + 60.0 * (joints.frame >= 25), angles.degrees.copy()
+    column = angles.column("pelvis_rotation")
+    degrees[:, column] = np.where(np.arange(FRAMES) % 20 < 10, -179.0, 179.0)  # passes 180 in 10, 20, 30 and 40
+    paused = replace(
+        review, joints=replace(joints, time_s=time_s), angles=replace(angles, time_s=time_s, degrees=degrees)
+    )
+    for first, count, broken in ((0, FRAMES, {10, 20, 25, 30, 40}), (24, 2, {25}), (19, 2, {20}), (11, 9, set())):
+        _, arrays = unpack(curves_payload(paused, first, count))
+        points = slice(arrays["start"][column] + 1, arrays["start"][column + 1])
+        assert set(arrays["row"][points][arrays["broken"][points] > 0].tolist()) == broken
+
+
 def test_clocks_are_those_that_the_run_used_and_a_run_that_states_none_is_refused() -> None:
     found = Clock(ahead_s=0.25, drift=1e-4, at_s=-1.5)
     run = {"cameras": [{"name": "left", "clock": asdict(found)}, {"name": "front", "clock": asdict(Clock())}]}

@@ -110,6 +110,30 @@ def test_a_click_on_a_curve_or_the_timeline_goes_there(viewer: Any) -> None:
         assert position(viewer) == pytest.approx(0.75 * (FRAMES - 1), abs=1)
 
 
+def test_a_lost_angle_and_an_angle_without_a_value_in_this_pose_are_told_apart(viewer: Any) -> None:
+    plane = viewer.locator(".chart", has_text="shoulder plane")
+    assert plane.inner_text().count("no value") == 2  # the arms hang
+    viewer.locator("#scrub").fill(str(LOST_FRAME))
+    assert "left lost" in plane.inner_text()
+    assert "no value" not in plane.inner_text()
+
+
+def test_lines_bands_and_strips_end_where_a_curve_is_broken(viewer: Any) -> None:
+    """Six points: an inferred one in the middle, a break after the third, all drawn on a context that keeps places."""
+    drawn = viewer.evaluate(
+        "() => { const points = { row: [0, 10, 20, 30, 40, 50], degrees: [1, 1, 1, 1, 1, 1],"
+        " sigma: [1, 1, 1, 1, 1, 1], state: [0, 0, 2, 0, 0, 0], broken: [0, 0, 0, 1, 0, 0] };"
+        " const found = { lines: [], strips: [] };"
+        " const context = { beginPath() { found.lines.push([]); }, lineTo(x) { found.lines.at(-1).push(x); },"
+        " stroke() {}, fill() {}, fillRect(x, y, width) { found.strips.push([x, width]); } };"
+        " const same = (value) => value, { curves } = anchorpose;"
+        " curves.line(context, points, same, same, true); curves.line(context, points, same, same, false);"
+        " curves.band(context, points, same, same); curves.inferredStrip(context, points, same, 0); return found; }"
+    )
+    assert drawn["lines"] == [[0, 10], [30, 40, 50], [10, 20], [0, 10, 20, 20, 10, 0], [30, 40, 50, 50, 40, 30]]
+    assert drawn["strips"] == [[20, 1.5]]  # a dot
+
+
 def test_the_worst_frame_comes_first_and_w_goes_on(viewer: Any) -> None:
     viewer.keyboard.press("w")
     assert position(viewer) == LOST_FRAME

@@ -20,6 +20,7 @@ from anchorpose.agreement.clock import (
     refine_clock,
     resampled,
 )
+from anchorpose.agreement.knee_sign import with_knee_sign
 from anchorpose.agreement.placement import Placement, place, residual, segment_axes
 from anchorpose.agreement.reference import Reference, exchanged
 from anchorpose.camera import transform_points
@@ -43,8 +44,8 @@ class Match:
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
-    reference has no joints. given_names, given_deg (n, a): angles as the other system computes them. placement: None if
-    the reference has only angles.
+    reference has no joints. given_names, given_deg (n, a): angles as the other system computes them, with the sign of
+    this program. placement: None if the reference has only angles.
     """
 
     results: Path
@@ -74,6 +75,7 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
     require_own(results, (JOINTS_FILE,))
     joints = read_joints(results / JOINTS_FILE)
     ours = joint_angles(joints)
+    reference = with_knee_sign(reference, ours)
     _require_scale(joints, reference)
     require_sides(joints, ours, reference)
     try:

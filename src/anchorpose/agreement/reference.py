@@ -312,21 +312,23 @@ _PLUG_IN: Final = {
     "ElbowAngles": "elbow_flexion",
 }
 """Angles of this program by the other system's name (``_OPENSIM``, ``_PLUG_IN``); the two angles differ by a constant
-at most. Angles of Plug-in Gait have three components, of which the first (flexion) is compared.
+at most, apart from the sign of the knee (``knee_sign``). Angles of Plug-in Gait have three components, of which the
+first (flexion) is compared.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """The other system's recording in this program's terms. time_s (t,): times on its clock; centres: joint centres in
-    its frame; degrees (t, a): the angles ``angles``, with the names of this program. notes: sentences on how labels and
-    signs in the file were interpreted.
+    its frame; degrees (t, a): the angles ``angles``, with the names of this program, which have the names ``labels`` in
+    the file. notes: sentences on how labels and signs in the file were interpreted.
     """
 
     path: Path
     time_s: np.ndarray
     centres: CentreTrack
     angles: tuple[str, ...]
+    labels: tuple[str, ...]
     degrees: np.ndarray
     notes: tuple[str, ...]
 
@@ -341,13 +343,14 @@ def read_reference(
     captured = read_captured(path, unit)
     marking = known_marking(captured.points) if names is None else given_marking(names, captured.points)
     centres = joint_centres(captured, marking, hip)
-    angles, degrees, notes = _angles(captured)
+    angles, labels, degrees = _angles(captured)
     if not centres.joints and not angles:
         listed = ", ".join((*captured.points, *captured.angles)[:6])
         remedy = f"state what they are with --names FILE.csv (rows joint,label; joints are {', '.join(JOINT_NAMES)})"
         raise InputError(path, f"has no label that is a known joint or angle (it has {listed} ...)", remedy)
     found = [f"{name}: {how}" for name, how in zip(JOINT_NAMES, centres.origin, strict=True) if how is not None]
-    return Reference(path, captured.time_s, centres, angles, degrees, (*found, *notes))
+    notes = (*found, *(f"{name}: {label}" for name, label in zip(angles, labels, strict=True)))
+    return Reference(path, captured.time_s, centres, angles, labels, degrees, notes)
 
 
 def exchanged(reference: Reference) -> Reference:
@@ -356,21 +359,15 @@ def exchanged(reference: Reference) -> Reference:
     return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
 
 
-def _angles(captured: Captured) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Return this program's names of the file's angles, the angles (t, a) in degrees, and notes on labels and signs."""
-    found, notes = dict[str, np.ndarray](), list[str]()
+def _angles(captured: Captured) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
+    """Return this program's names of the file's angles, their labels in the file, and the angles (t, a) in degrees."""
+    columns = dict[str, int]()
     for column, label in enumerate(captured.angles):
         name = _our_angle(label)
-        if name is None or name in found:
-            continue
-        values = captured.degrees[:, column]
-        if name.startswith("knee_flexion") and _bends_backwards(values):
-            values = -values
-            notes.append(f"{label}: taken with the opposite sign, since knees bend one way")
-        found[name] = values
-        notes.append(f"{name}: {label}, as given")
-    degrees = np.stack(list(found.values()), axis=1) if found else np.empty((len(captured.time_s), 0))
-    return tuple(found), degrees, tuple(notes)
+        if name is not None:
+            columns.setdefault(name, column)
+    chosen = list(columns.values())
+    return tuple(columns), tuple(captured.angles[column] for column in chosen), captured.degrees[:, chosen]
 
 
 def _our_angle(label: str) -> str | None:
@@ -382,8 +379,3 @@ def _our_angle(label: str) -> str | None:
     if label[:1] in SIDES and label[1:] in _PLUG_IN:
         return f"{_PLUG_IN[label[1:]]}_{SIDES[label[0]].lower()}"
     return None
-
-
-def _bends_backwards(degrees: np.ndarray) -> bool:
-    known = degrees[np.isfinite(degrees)]
-    return bool(len(known) and -np.percentile(known, 5) > max(np.percentile(known, 95), 20.0))

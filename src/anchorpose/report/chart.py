@@ -90,9 +90,13 @@ def make_bins(frame: np.ndarray, time_s: np.ndarray, clock: str = "", most: int 
     """
     count = min(len(frame), most)
     start = np.arange(count) * len(frame) // count
+    return Bins(frame, time_s, start, np.logical_or.reduceat(after_pause(time_s), start), clock)
+
+
+def after_pause(time_s: np.ndarray) -> np.ndarray:
+    """Return (n,) bool: True for frames that a pause separates from the previous frame."""
     step = np.diff(time_s)
-    pauses = np.append(False, step > PAUSE * np.median(step)) if len(step) else np.zeros(1, dtype=bool)
-    return Bins(frame, time_s, start, np.logical_or.reduceat(pauses, start), clock)
+    return np.append(False, step > PAUSE * np.median(step)) if len(step) else np.zeros(1, dtype=bool)
 
 
 def envelope(values: np.ndarray, bins: Bins) -> Envelope:

@@ -130,8 +130,8 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     so that the foot moves outwards.
 
     The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
-    value for a leg that is bent by less than ``PLANE_KNOWN_RAD``, since its plane is undetermined, or for a leg that is
-    bent backwards, since the normal of its plane is reversed.
+    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since its plane is undetermined, or for
+    a leg that is bent backwards, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -208,8 +208,9 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
     The angle is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to
     the arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used,
-    since it is undetermined for a hanging arm, the usual posture of patients. An arm that is bent by less than
-    ``PLANE_KNOWN_RAD`` has no reliable plane, and so no value.
+    since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within ``PLANE_KNOWN_RAD``
+    of straight or of folded has no reliable plane, and so no value. An arm that is raised high has none, either, since
+    near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)

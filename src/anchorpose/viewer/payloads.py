@@ -18,6 +18,7 @@ from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
 from anchorpose.joints import STATE_CODE, JointState
+from anchorpose.report.chart import after_pause
 from anchorpose.results.explained import unexplained
 from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
@@ -113,21 +114,32 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
     """Return the angle curves of the frames from row ``first`` on, thinned to as many points as a screen can show.
 
     Points are ordered by angle, then by time. start (a + 1,) int32: where each angle's points begin. row (m,) int32:
-    row of each point in the results; degrees and sigma (m,) float32, state (m,) uint8: the values in that row.
+    row of each point in the results; degrees and sigma (m,) float32, state (m,) uint8: the values in that row. broken
+    (m,) uint8: 1 where no line may connect the point with the previous point of its angle.
     """
     frames = len(review.joints.frame)
     rows, table = _rows(frames, first, count, frames), review.angles
     kept = [rows.start + each for each in thinned(table.degrees[rows], table.sigma_deg[rows], table.state_code[rows])]
     counts, row = [len(each) for each in kept], np.concatenate([np.empty(0, int), *kept])
     angle = np.repeat(np.arange(len(kept)), counts)
+    piece = pieces(table.degrees[rows], after_pause(review.joints.time_s)[rows])[row - rows.start, angle]
     arrays = {
         "start": np.cumsum([0, *counts]).astype(np.int32),
         "row": row.astype(np.int32),
         "degrees": table.degrees[row, angle].astype(np.float32),
         "sigma": table.sigma_deg[row, angle].astype(np.float32),
         "state": table.state_code[row, angle].astype(np.uint8),
+        "broken": (np.diff(piece, prepend=0) != 0).astype(np.uint8),
     }
     return pack({}, arrays)
+
+
+def pieces(degrees: np.ndarray, paused: np.ndarray) -> np.ndarray:
+    """Return (n, angles) the number of the piece of a curve to which each frame belongs. A piece ends before a frame
+    that is ``paused`` (n,) bool, and where the angle (n, angles) jumps by more than half a turn, as from 180 to -180.
+    """
+    jumps = np.abs(np.diff(degrees, axis=0, prepend=degrees[:1])) > 180.0
+    return np.cumsum(jumps | paused[:, None], axis=0)
 
 
 INTERVALS: Final = 800

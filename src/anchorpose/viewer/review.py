@@ -30,7 +30,7 @@ from anchorpose.results.corrections import (
 )
 from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
 from anchorpose.results.frame_table import FrameTable
-from anchorpose.results.frame_time import worst_rows
+from anchorpose.results.frame_time import unbroken_runs, worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
 from anchorpose.results.run_record import RUN_FILE, as_json, read_run
 from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, POSES, AnchorTable, AngleTable, JointTable, PoseTable
@@ -215,9 +215,9 @@ def worst_frames(
 ) -> tuple[WorstFrame, ...]:
     """Return frames to check: first frames with lost joints, then with unusable depth images, few matches, large sigma.
 
-    matched_share (n,): as in ``Review``. Frames with unusable depth images come in the order of ``dropped``. For each
-    other kind of reason, the worst frame comes first, then the worst frame that is at least a second away from it, and
-    so on.
+    matched_share (n,): as in ``Review``. For each kind of reason, the worst frame comes first, then the worst frame
+    that is at least a second away from it, and so on. A run of frames with unusable depth images (``dropped``) is
+    listed by its first frame; the longest run is the worst.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -227,8 +227,11 @@ def worst_frames(
     lost = [
         WorstFrame(row, _lost(joints.lost[row]), None) for row in worst(np.where(count, count.astype(float), np.nan))
     ]
-    rows = {int(number): row for row, number in enumerate(joints.frame)}
-    unusable = [WorstFrame(rows[drop["frame"]], drop["why"], None) for drop in dropped if drop["frame"] in rows]
+    why = {drop["frame"]: drop["why"] for drop in dropped}
+    outage = np.full(len(joints.frame), np.nan)
+    for run in unbroken_runs(np.isin(joints.frame, list(why)), joints.time_s):
+        outage[run.start] = run.stop - run.start
+    unusable = [WorstFrame(row, why[joints.frame[row]], None) for row in worst(outage)]
     few = np.where(matched_share < FEW_MATCHED, 1.0 - matched_share, np.nan)
     text = "{:.0f} % of the points found again in the next frame"
     unmatched = [WorstFrame(row, text.format(100 * matched_share[row]), None) for row in worst(few)]
@@ -238,7 +241,7 @@ def worst_frames(
         WorstFrame(row, f"{JOINT_NAMES[joint[row]]}: sigma {1000 * largest_m[row]:.0f} mm", joint[row])
         for row in worst(np.where(np.isfinite(largest_m), largest_m, np.nan))
     ]
-    return (*lost, *unusable[:MOST_OF_A_KIND], *unmatched, *uncertain)
+    return (*lost, *unusable, *unmatched, *uncertain)
 
 
 def _lost(lost: np.ndarray) -> str:

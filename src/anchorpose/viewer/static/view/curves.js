@@ -1,5 +1,5 @@
 // The angle curves: left and right of a joint in one chart, with the band of 1.96 sigma; inferred parts are pale.
-// Drawn are points that the server chose of the frames shown (thinned_curves.py); values are read from the frame itself.
+// Drawn are points that the server chose of the frames shown (payloads.py); values are read from the frame itself.
 
 import { getArrays } from "./api.js";
 import { prepared, seekable } from "./axis.js";
@@ -20,9 +20,9 @@ export function paired(names) {
 }
 
 export class Curves {
-  constructor(box, names, { motion, rows, axis, playback, say }) {
-    Object.assign(this, { box, motion, rows, axis, playback, say, shown: null, asked: null });
-    this.charts = paired(names).map((chart) => this.chart(chart));
+  constructor(box, { angles, states }, { motion, rows, axis, playback, say }) {
+    Object.assign(this, { box, motion, rows, axis, playback, say, lost: states.indexOf("lost"), shown: null, asked: null });
+    this.charts = paired(angles).map((chart) => this.chart(chart));
     this.cursor = document.createElement("div");
     this.cursor.className = "cursor";
     box.append(...this.charts.map(({ element }) => element), this.cursor);
@@ -67,11 +67,10 @@ export class Curves {
     if (this.shown?.range === range) this.draw();
   }
 
-  /** The points of one angle: frame, degrees, sigma, state. */
+  /** The points of one angle: frame, degrees, sigma, state, and whether the curve is broken before the point. */
   points(column) {
     const [from, to] = this.shown.start.subarray(column, column + 2);
-    const [row, degrees, sigma, state] = ["row", "degrees", "sigma", "state"].map((name) => this.shown[name].subarray(from, to));
-    return { row, degrees, sigma, state };
+    return Object.fromEntries(["row", "degrees", "sigma", "state", "broken"].map((name) => [name, this.shown[name].subarray(from, to)]));
   }
 
   drawChart({ canvas, lines }) {
@@ -128,20 +127,21 @@ export class Curves {
     }
   }
 
-  /** Runs of points for which a test holds. */
-  runs(count, test) {
+  /** Runs of points for which a test holds; none goes beyond a break of the curve. */
+  runs({ row, broken }, test) {
     const found = [];
-    for (let k = 0; k < count; k++) {
+    for (let k = 0; k < row.length; k++) {
       if (!test(k)) continue;
       const open = found[found.length - 1];
-      if (open && open[1] === k - 1) open[1] = k; else found.push([k, k]);
+      if (open && open[1] === k - 1 && !broken[k]) open[1] = k; else found.push([k, k]);
     }
     return found;
   }
 
-  band(context, { row, degrees, sigma }, x, y) {
+  band(context, points, x, y) {
+    const { row, degrees, sigma } = points;
     context.globalAlpha = 0.18;
-    for (const [from, to] of this.runs(row.length, (k) => !Number.isNaN(sigma[k]))) {
+    for (const [from, to] of this.runs(points, (k) => !Number.isNaN(sigma[k]))) {
       context.beginPath();
       for (let k = from; k <= to; k++) context.lineTo(x(row[k]), y(degrees[k] + 1.96 * sigma[k]));
       for (let k = to; k >= from; k--) context.lineTo(x(row[k]), y(degrees[k] - 1.96 * sigma[k]));
@@ -150,14 +150,15 @@ export class Curves {
     context.globalAlpha = 1;
   }
 
-  line(context, { row, degrees, state }, x, y, seen) {
+  line(context, points, x, y, seen) {
+    const { row, degrees, state, broken } = points;
     context.globalAlpha = seen ? 1 : 0.4;
     context.lineWidth = seen ? 2 : 1.5;
-    const known = (k) => k >= 0 && k < row.length && !Number.isNaN(degrees[k]);
-    for (const [from, to] of this.runs(row.length, (k) => known(k) && (state[k] === 0) === seen)) {
+    const known = (k) => !Number.isNaN(degrees[k] ?? NaN), joined = (k) => known(k - 1) && known(k) && !broken[k];
+    for (const [from, to] of this.runs(points, (k) => known(k) && (state[k] === 0) === seen)) {
       context.beginPath();
-      const begin = !seen && known(from - 1) ? from - 1 : from; // pale parts connect to their neighbours
-      const end = !seen && known(to + 1) ? to + 1 : to;
+      const begin = !seen && joined(from) ? from - 1 : from; // pale parts connect to their neighbours
+      const end = !seen && joined(to + 1) ? to + 1 : to;
       for (let k = begin; k <= end; k++) context.lineTo(x(row[k]), y(degrees[k]));
       if (begin === end) context.lineTo(x(row[begin]) + 1.5, y(degrees[begin]));
       context.stroke();
@@ -166,11 +167,12 @@ export class Curves {
   }
 
   /** A strip below the curve where this angle is inferred, for those who cannot distinguish pale from full. */
-  inferredStrip(context, { row, state }, x, top) {
+  inferredStrip(context, points, x, top) {
+    const { row, state, broken } = points;
     context.globalAlpha = 0.75;
-    for (const [from, to] of this.runs(row.length, (k) => state[k] > 0)) {
-      const end = row[Math.min(to + 1, row.length - 1)];
-      context.fillRect(x(row[from]), top, Math.max(1.5, x(end) - x(row[from])), 2.5);
+    for (const [from, to] of this.runs(points, (k) => state[k] > 0)) {
+      const end = to + 1 < row.length && !broken[to + 1] ? to + 1 : to;
+      context.fillRect(x(row[from]), top, Math.max(1.5, x(row[end]) - x(row[from])), 2.5);
     }
     context.globalAlpha = 1;
   }
@@ -186,8 +188,9 @@ export class Curves {
     const name = { l: "left ", r: "right ", "": "" }[side];
     if (!row) return `${name}…`; // it is being fetched
     const degrees = row.angles[column], sigma = row.angleSigma[column];
-    if (Number.isNaN(degrees)) return `${name}lost`;
+    const state = row.angleState[column];
+    if (Number.isNaN(degrees)) return `${name}${state === this.lost ? "lost" : "no value"}`;
     const band = Number.isNaN(sigma) ? "" : ` ± ${(1.96 * sigma).toFixed(0)}`;
-    return `${name}${degrees.toFixed(0)}°${band}${row.angleState[column] > 0 ? " inferred" : ""}`;
+    return `${name}${degrees.toFixed(0)}°${band}${state > 0 ? " inferred" : ""}`;
   }
 }

@@ -40,7 +40,7 @@ async function start() {
   element("corrections-command").replaceChildren(...["anchorpose", "track", `"${description.recording}"`, "-o", "NEW-RESULTS",
     "--corrections", `"${description.corrections_file}"`].flatMap((word) => [Object.assign(document.createElement("span"), { textContent: word }), " "]));
   const axis = new Axis(motion.time_s, playback);
-  const curves = new Curves(element("charts"), description.angles, { motion, rows, axis, playback, say });
+  const curves = new Curves(element("charts"), description, { motion, rows, axis, playback, say });
   const timeline = new Timeline(element("timeline"), description, motion, axis, playback, corrections);
   const card = new JointCard(element("joint-card"), description, frames.skeleton, rows, playback);
   let mover = null;
