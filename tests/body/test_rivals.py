@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing, stepped
+from body_builder import adult_body, hide_bones, joint_errors_m, joints_of, seen_body, standing
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.config import RegistrationConfig
