@@ -9,7 +9,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s
+from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s, tasks_on
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person, skin_points
 from anchorpose.simulate.posture import SIDES, finger_direction, palm_normal, pose_bones
@@ -91,11 +91,12 @@ def draw_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
 ) -> tuple[Therapist, ...]:
     """Draw the configuration's number of therapists, each with a task; a third therapist only walks by."""
-    tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
+    possible = tasks_on(patient, config)
+    tasks = [task for name in config.therapist_tasks for task in possible if task.name == name]
     for index in rng.permutation(len(TASKS)):
         seat = config.stool or config.equipment == "wheelchair" or config.movement_file is None
         on_stool = seat and patient.sits() and TASKS[index].azimuth[0] > np.pi / 2.0
-        if not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
+        if TASKS[index] in possible and not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
             tasks.append(TASKS[index])
     holding = min(config.therapists, 2, len(tasks))
     found = [_draw_holder(rng, config, patient, draw_person(rng, config.clothing_m), task) for task in tasks[:holding]]
