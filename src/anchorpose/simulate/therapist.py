@@ -120,9 +120,11 @@ def _draw_holder(
     already_there = rng.random() < 0.25 or config.therapists_stay
     arrive_s = -5.0 if already_there else rng.uniform(0.1, 0.35) * config.seconds
     crouch_s, grasp_s = rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.8)
-    hold_from_s = arrive_s + crouch_s + grasp_s
+    ready_s = arrive_s + crouch_s + grasp_s
+    hold_from_s, patient_leaves_s = patient.stay_s(ready_s)
     leaves = rng.random() < 0.75 and not config.therapists_stay
     hold_until_s = max(hold_from_s, 0.0) + rng.uniform(0.3, 0.55) * config.seconds if leaves else 1e3
+    hold_until_s = min(hold_until_s, patient_leaves_s)
 
     at_s = max(hold_from_s, 0.0)
     if isinstance(patient, CapturedActor):
@@ -130,10 +132,10 @@ def _draw_holder(
     hold = choose_hold(patient, task, -outward, at_s)
     base = resting_channels(person, in_frame=False)
     crouch, spot = choose_spot(person, base, hold)
-    stays_s = hold_until_s - arrive_s
+    stays_s, waits_s = hold_until_s - arrive_s, hold_from_s - ready_s
     movements = [
         Movement(crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
-        grasp(arrive_s + crouch_s, grasp_s, hold_until_s - hold_from_s, rng.uniform(0.4, 0.7)),
+        grasp(arrive_s + crouch_s + waits_s, grasp_s, hold_until_s - hold_from_s, rng.uniform(0.4, 0.7)),
     ]
     footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
     return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)
