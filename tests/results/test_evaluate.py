@@ -137,6 +137,22 @@ def test_a_confident_error_is_far_off_and_outside_four_sigma_on_an_axis(tmp_path
     assert _evaluated(tmp_path, frames).confident_errors == pytest.approx(1 / 42)
 
 
+def test_joints_reported_where_the_truth_has_none_are_counted(tmp_path):
+    """Of four frames, the patient is away in two and lacks the left foot: 21 + 21 + 1 + 1 places are absent. The result
+    reports all joints in one of the frames without the patient, none in the other, and the foot once."""
+    true_m = np.stack([standing_joints()] * 4)
+    true_m[:2], true_m[:, JOINT_INDEX["FootLeft"]] = np.nan, np.nan
+    lost = [(), JOINT_NAMES, ("FootLeft",), ()]
+    frames = [make_frame(i, i / 10, standing_joints(), lost=lost[i]) for i in range(4)]
+    found = _evaluated(tmp_path, frames, true_m)
+    assert found.reported_absent_share == pytest.approx(22 / 44)
+    assert (found.overall.joint_frames, found.confident_errors) == (40, 0.0)
+    write_evaluation(tmp_path / "e.json", found)
+    assert json.loads((tmp_path / "e.json").read_text())["reported_absent_share"] == pytest.approx(0.5)
+    assert "Of the joints without a true position, 50.00 % are reported" in " ".join(confidence_sentences(found))
+    assert _evaluated(tmp_path / "all", frames).reported_absent_share is None
+
+
 def _wrong_arm(tmp_path, frames, **more):
     """The left elbow 0.2 m off in the given frames of ten at 10 Hz; the rest is exact."""
     rows = []

@@ -1,11 +1,13 @@
 """Simulated people: their shapes, their postures, and how patients and therapists meet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from anchorpose.body.asset import ADULT_COMPONENTS
-from anchorpose.body.kinematics import BodyMesh
+from anchorpose.body.kinematics import BodyMesh, missing_joints
 from anchorpose.joints import JOINT_INDEX, LIMBS
 from anchorpose.rotations import turns
 from anchorpose.simulate import config as presets
@@ -13,6 +15,7 @@ from anchorpose.simulate.bodies import BUILDS, MOST_ASYMMETRIC, SHOE_M, SOLE_M, 
 from anchorpose.simulate.choices import Build
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.holds import TASKS, choose_hold
 from anchorpose.simulate.patient import resting_channels
 from anchorpose.simulate.person import Person, draw_other_person, draw_person
 from anchorpose.simulate.posture import SIDES, pose_bones
@@ -139,6 +142,26 @@ def test_therapists_hands_are_on_the_skin_beside_the_joint_they_hold(seed):
                 assert np.linalg.norm(touched - joints[frame, held[frame, side]]) < 0.3
                 checked += 1
     assert checked > 20
+
+
+@pytest.mark.parametrize("missing", ["leg_left", "leg_right"])
+def test_no_therapist_holds_a_knee_that_the_patient_lacks(missing):
+    for seed in range(1, 4):
+        config = presets.clinic(seed, seconds=2.0, fps=1.0)
+        tasks = ("both knees from the front",)
+        clinic = draw_clinic(replace(config, body=OtherBody(missing=(missing,)), therapist_tasks=tasks))
+        asset = clinic.patient.person.body.asset
+        gone = missing_joints(asset, (missing,))
+        for hold in (therapist.hold for therapist in clinic.therapists if therapist.hold is not None):
+            assert not gone[hold.joints].any()
+            names = {asset.bone_names[bone] for bone in asset.main_bone()[hold.vertices].tolist()}
+            assert not any(name.startswith(("Head", "Neck")) for name in names)
+
+
+def test_a_hold_without_skin_to_hold_is_refused():
+    patient = draw_clinic(replace(presets.clinic(1, seconds=1.0), body=OtherBody(missing=("leg_left",)))).patient
+    with pytest.raises(ValueError, match="no skin that a hand at KneeLeft could hold"):
+        choose_hold(patient, TASKS[1], np.array([1.0, 0.0, 0.0]), 0.0)
 
 
 def test_hands_on_the_rails_stay_on_them_while_the_trunk_moves():

@@ -1,6 +1,7 @@
 """Simulated recordings on disk: complete, repeatable, readable, refused where they cannot be."""
 
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -8,13 +9,16 @@ import numpy as np
 import pytest
 
 from anchorpose.calibration.first_frames import noise_per_m
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.lens import LensModel
 from anchorpose.recording.reader import open_recording
 from anchorpose.simulate import config as presets
 from anchorpose.simulate.clinic import draw_clinic
 from anchorpose.simulate.config import SimulationConfig
+from anchorpose.simulate.render import PATIENT
+from anchorpose.simulate.shoot import set_up
+from anchorpose.simulate.touches import touches
 from anchorpose.simulate.write import simulate_recording
 
 SHORT = SimulationConfig(seed=31, seconds=1.0, fps=3.0, cameras=2, therapists=2)
@@ -167,7 +171,7 @@ def test_a_scene_or_cameras_that_cannot_be_are_refused(wrong, problem):
 
 
 def test_a_patient_who_is_away_is_in_no_picture_and_has_no_joints(tmp_path):
-    config = presets.scene(presets.single(7, seconds=4.0, fps=2.0), "enters-late")
+    config = presets.scene(presets.single(7, seconds=8.0, fps=1.0), "enters-late")
     simulate_recording(tmp_path / "late", config)
     with np.load(tmp_path / "late/truth/truth.npz") as truth:
         away = truth["time"] < config.away_s[0][1]
@@ -178,6 +182,42 @@ def test_a_patient_who_is_away_is_in_no_picture_and_has_no_joints(tmp_path):
         middle_m = np.linalg.norm(truth["joints"][:, 0, [0, 2]], axis=1)[~away]
     assert middle_m[0] > 1.0  # the patient walks in from the side
     assert (np.diff(middle_m) < 0.05).all()
+
+
+@pytest.mark.parametrize("scene", ["enters-late", "leaves"])
+def test_a_patient_walks_out_of_the_view_of_all_cameras_and_is_touched_and_held_only_at_the_place_of_training(scene):
+    config = presets.scene(dataclasses.replace(presets.clinic(3, seconds=12.0, fps=10.0), therapists_stay=True), scene)
+    clinic = draw_clinic(config)
+    studio = set_up(clinic)
+    performance = studio.performances[0]
+    edges = np.flatnonzero(np.diff(performance.away))
+    assert len(edges) == (2 if scene == "leaves" else 1)
+    for frame in [f for edge in edges.tolist() for f in (edge, edge + 1)]:
+        assert not any((image.label == PATIENT).any() for image in studio.shoot(frame).images), "nobody appears in view"
+    for frame in np.flatnonzero(performance.away)[::8].tolist():
+        touch = touches(clinic, performance, performance.figures(frame), frame)
+        assert not any(part.any() for part in (touch.bones, touch.joints, touch.regions, touch.on_equipment))
+    held = (performance.held_joints() >= 0).any(axis=(1, 2))
+    assert held.any()
+    assert np.linalg.norm(performance.joints_m()[held, JOINT_NAMES.index("SpineBase")][:, [0, 2]], axis=1).max() < 0.5
+    places_m = np.concatenate([therapist.hold.places_m for therapist in clinic.therapists])
+    assert np.linalg.norm(places_m[:, [0, 2]], axis=1).max() < 0.5
+
+
+def test_a_recording_without_time_for_the_walks_is_refused():
+    with pytest.raises(AnchorposeError, match=r"no time to walk .* takes 4 s each way; simulate a longer recording"):
+        draw_clinic(presets.scene(presets.single(7, seconds=8.0), "leaves"))
+
+
+def test_labels_and_parts_of_a_repeated_image_are_those_of_the_image_on_the_disk(tmp_path):
+    config = dataclasses.replace(presets.single(6, seconds=1.0, fps=6.0), doubled_share=0.4, motions=("arm-raise",))
+    simulate_recording(tmp_path / "out", config)
+    with np.load(tmp_path / "out/truth/truth.npz") as truth:
+        doubled = truth["doubled"][0]
+    assert 0 < doubled.sum() < 5
+    for folder in ("recording/front/depth", "truth/labels/front", "truth/parts/front"):
+        files = [(tmp_path / f"out/{folder}/{frame:06d}.png").read_bytes() for frame in range(6)]
+        assert [False, *(a == b for a, b in pairwise(files))] == doubled.tolist()
 
 
 def test_a_curtain_hides_the_patient_for_two_seconds_and_no_longer(tmp_path):

@@ -29,10 +29,12 @@ class SessionOptions:
     """Number of trials, half of them with stimulation; 12 by default."""
 
     trial_s: Annotated[float | None, Parameter(name="--trial-seconds"), positive(3600.0)] = None
-    """Length of each trial in seconds, at least 10; 20 by default. Before each trial is a pause of 4 seconds."""
+    """Length of each trial in seconds, at least 10; 20 by default. Before each trial and after
+    the last is a pause of 4 seconds."""
 
     effect_deg: Annotated[float | None, between(0.0, 10.0)] = None
-    """By how many degrees knees are straighter with stimulation; 5 by default, 0 for no effect."""
+    """By how many degrees knees are straighter with stimulation; 5 by default, 0 for no effect. No knee gets straighter
+    than 1 degree."""
 
     effect_s: Annotated[float | None, Parameter(name="--effect-seconds"), between(0.0, 3600.0)] = None
     """By how many seconds knees stay extended longer with stimulation; 0 by default."""
@@ -52,6 +54,9 @@ class SessionOptions:
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
+DEFAULT_S, DEFAULT_HOLE_M = 10.0, 0.12  # s, m; the defaults of --seconds and --hole-radius
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
@@ -69,14 +74,15 @@ class SimulateOptions:
     """Number from which everything random is drawn: another number gives another patient and other movements, the same
     number the same files."""
 
-    seconds: Annotated[float, positive(DAY_S)] = 10.0
-    """Length of the recording in seconds."""
+    seconds: Annotated[float | None, positive(DAY_S)] = None
+    """Length of the recording in seconds; 10 by default. A session of the preset 'stimulation' lasts as long as its
+    trials."""
 
     fps: Annotated[float, positive(FASTEST_HZ)] = 15.0
     """Frames per second."""
 
-    hole_radius: Annotated[float, positive(1.0)] = 0.12
-    """Radius of the hole of the preset 'holes', in metres."""
+    hole_radius: Annotated[float | None, positive(1.0)] = None
+    """Radius of the hole of the preset 'holes', in metres; 0.12 by default."""
 
     cameras: Annotated[int | None, whole(1, 100)] = None
     """Number of cameras, 1 to 4; by default that of the preset."""
@@ -133,15 +139,16 @@ class SimulateOptions:
     scene: Scene | None = None
     """A situation in which trackers lose the patient. enters-late: the therapists are there first, the patient walks in
     later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
-    seconds. sits: the patient sits down or stands up. If the patient walks or sits, there is no standing frame.
-    Scenes with walking need 12 seconds."""
+    seconds. sits: the patient sits down or stands up. If the patient walks or sits, there is no standing frame. Walking
+    out of view and back needs 12 seconds, and up to 15 if cameras stand on all sides."""
 
     pose_unknown: bool = False
     """Leave the camera poses out of the recording, so that they must be estimated."""
 
     rough_recorder: bool = False
-    """Record as imperfectly as real recorders do: the cameras' clocks are up to 2 s apart and drift, time stamps vary
-    by 4 ms, and 3 of 100 depth images are missing or stored twice."""
+    """Record as imperfectly as real recorders do: time stamps vary by 4 ms, and 3 of 100 depth images are replaced by
+    the image before. All cameras but the first also lose 3 of 100 images, and their clocks drift and differ from the
+    first camera's by up to 2 s."""
 
     session: SessionOptions = field(default_factory=SessionOptions)
 
@@ -170,20 +177,20 @@ class SimulateOptions:
         given |= {"sensors": self.sensor} if one_each else {"sensor": self.sensor[0] if self.sensor else None}
         given |= {"equipment": self.equipment, "passers_by": 1 if self.passer_by else None}
         given |= {"body": self._body(), "height_m": self.height, "pose_known": False if self.pose_unknown else None}
+        seconds = DEFAULT_S if self.seconds is None else self.seconds
         try:
+            self._refuse_unused()
             if self.preset == "stimulation":
                 settings = stimulation(self.seed, SessionConfig(**self.session.given), self.fps)
-            elif self.session.given:
-                raise ValueError("trials belong to the preset stimulation; add --preset stimulation")
             elif self.preset == "holes":
-                settings = presets.holes(self.seed, self.hole_radius, self.seconds, self.fps)
+                settings = presets.holes(self.seed, self.hole_radius or DEFAULT_HOLE_M, seconds, self.fps)
             elif self.preset == "rehabilitation":
-                settings = presets.clinic(self.seed, self.seconds, self.fps)
+                settings = presets.clinic(self.seed, seconds, self.fps)
             elif self.preset == "room":
-                settings = presets.room(self.seed, self.seconds, self.fps, self.movements)
+                settings = presets.room(self.seed, seconds, self.fps, self.movements)
             else:
                 preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
-                settings = preset(self.seed, self.seconds, self.fps)
+                settings = preset(self.seed, seconds, self.fps)
             chosen = {name: value for name, value in given.items() if value is not None}
             if self.preset == "room" and (chosen.keys() - {"pose_known"} or self.scene):
                 raise ValueError("the preset room draws all this from its seed; choose another seed instead")
@@ -193,6 +200,18 @@ class SimulateOptions:
             return presets.rough_recorder(settings) if self.rough_recorder else settings
         except ValueError as error:
             raise AnchorposeError(f"{sentence_of(error)}.") from None
+
+    def _refuse_unused(self) -> None:
+        """Raise ValueError if an option is given that the preset does not use."""
+        session, paced = self.preset == "stimulation", self.preset in ("clinic", "holes", "single")
+        if self.session.given and not session:
+            raise ValueError("trials belong to the preset stimulation; add --preset stimulation")
+        if self.seconds is not None and session:
+            raise ValueError("a session lasts as long as its trials; give --trials and --trial-seconds, not --seconds")
+        if self.hole_radius is not None and self.preset != "holes":
+            raise ValueError("a hole belongs to the preset holes; add --preset holes")
+        if self.speed is not None and not paced:
+            raise ValueError("--speed belongs to the presets clinic, holes and single; leave it out")
 
     def _captured(self, settings: SimulationConfig) -> SimulationConfig:
         """Return the configuration, with a captured movement if the preset needs one.

@@ -247,6 +247,9 @@ class Evaluation:
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None if the truth does not state it
     confident_errors: float | None  # share of overall.joint_frames with a confident error
+    # share of the joint positions without a true position (patient away, limb missing) that the results report all the
+    # same; no other figure counts them; None if the truth has all positions
+    reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
     wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
@@ -343,6 +346,7 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
         truly_seen=None if seen is None else _summary(errors, seen),
         truly_hidden=None if seen is None else _summary(errors, ~seen),
         confident_errors=_mean(confident_errors(joints, truth.position_m)[errors.known]),
+        reported_absent_share=_mean(~joints.lost[~errors.known]),
         angles=angle_errors(joints, truth.position_m),
         axes=axis_errors(joints, truth.position_m),
         wrong_in_view=wrong_in_view(joints, truth),

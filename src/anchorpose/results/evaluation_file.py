@@ -27,6 +27,7 @@ def write_evaluation(path: Path, evaluation: Evaluation) -> None:
         "per_joint": dict(evaluation.per_joint),
         "per_state": dict(evaluation.per_state),
         **_named(evaluation, "observed", "hidden", "truly_seen", "truly_hidden", "confident_errors"),
+        **_named(evaluation, "reported_absent_share"),
         "longest_wrong_s": {name: wrong.seconds for name, wrong in evaluation.wrong_in_view},
         "longest_wrong_from_s": {name: wrong.start_s for name, wrong in evaluation.wrong_in_view},
         "plain_view_by": "seen_share" if evaluation.view_known else "occluded",
@@ -151,14 +152,19 @@ def _percent(part: int, whole: int) -> str:
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
-    """Return sentences on how often the result is wrong without showing it: confident errors, limbs wrong in plain
-    view, and the share of coordinates within 1.96 sigma.
+    """Return sentences on how often the result is wrong without showing it: confident errors, reported joints of an
+    absent patient or limb, limbs wrong in plain view, and the share of coordinates within 1.96 sigma.
     """
     sentences = []
     if evaluation.confident_errors is not None:
         sentences.append(
             f"Confident errors, over {1000 * FAR_M:.0f} mm and over {CONFIDENT_SIGMAS:.0f} sigma off: "
             f"{100 * evaluation.confident_errors:.2f} % of all joints."
+        )
+    if evaluation.reported_absent_share is not None:
+        sentences.append(
+            f"Of the joints without a true position, {100 * evaluation.reported_absent_share:.2f} % are reported; a "
+            "patient who is away, or a missing limb, has none."
         )
     view = (
         "while a camera saw most of it"

@@ -24,6 +24,7 @@ from anchorpose.simulate.sessions.patient import draw_session_patient
 from anchorpose.simulate.sessions.plan import PlannedTrial, SessionConfig, draw_plan
 from anchorpose.simulate.sessions.therapists import draw_session_therapists
 from anchorpose.simulate.therapist import Therapist, draw_passer_by, draw_therapists
+from anchorpose.simulate.ways_out import ways_out
 
 STREAMS = (
     "patient",
@@ -129,11 +130,14 @@ class Performance:
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint."""
+        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint, as in all
+        frames in which the patient is away.
+        """
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)
         for index, therapist in enumerate(therapists):
             held[:, index] = therapist.held_joints(self.times_s, patient, self.bones[0], self.bones[1 + index])
+        held[self.away] = -1
         return held
 
 
@@ -157,11 +161,13 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
     person = draw_patient_person(random_stream(config, "patient"), config)
     scenery = random_stream(config, "room")
     cameras = place_cameras(random_stream(config, "cameras"), config)
+    room = room_triangles(random_stream(config, "room", 1), config.cameras == 4)
     patient: Actor | CapturedActor
     if config.movement_file is None:
         held = fit_held(scenery, config, person)
         drawn = random_stream(config, "programme")
-        patient = draw_patient(drawn, config, person, held) if programme is None else programme(drawn, person)
+        exits_m = ways_out(cameras, room) if config.away_s else None
+        patient = draw_patient(drawn, config, person, held, exits_m) if programme is None else programme(drawn, person)
     else:
         held, patient = None, draw_captured(random_stream(config, "movement"), config, person)
     parts = fit_around(scenery, config, patient, held)
@@ -170,7 +176,7 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
     return Clinic(
         config=config,
         cameras=cameras,
-        room=room_triangles(random_stream(config, "room", 1), config.cameras == 4),
+        room=room,
         equipment=EquipmentModel(parts) if parts else None,
         patient=patient,
         therapists=(*others, *(draw_passer_by(walkers, config, cameras) for _ in range(config.passers_by))),

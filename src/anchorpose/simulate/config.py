@@ -209,7 +209,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
         case "leaves":
-            return replace(free, away_s=((0.4 * seconds, 0.65 * seconds),))
+            return replace(free, away_s=((0.4 * seconds, 0.6 * seconds),))  # equal times for the walks out and back
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))
         case "sits":

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.body.kinematics import missing_joints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.rotations import UP, unit
-from anchorpose.simulate.config import TaskName
+from anchorpose.simulate.config import SimulationConfig, TaskName
 from anchorpose.simulate.patient import Actor
 from anchorpose.simulate.person import Person, skin_points
 from anchorpose.simulate.posture import OUTWARD
@@ -55,6 +56,12 @@ class Hold:
         return self.places_m.mean(axis=0)
 
 
+def tasks_on(patient: Actor | CapturedActor, config: SimulationConfig) -> list[Task]:
+    """Return the tasks whose joints the patient has; a joint on a missing limb cannot be held."""
+    missing = missing_joints(patient.person.body.asset, config.body.missing)
+    return [task for task in TASKS if not missing[[JOINT_INDEX[name] for name in task.holds]].any()]
+
+
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
     """Return the time at which the joints that the therapist holds are farthest ``outward``, so nearest to the
     therapist.
@@ -87,7 +94,7 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
     """Return the vertex that is far from a joint in the direction ``wanted``, but near the line from the joint in this
-    direction.
+    direction. Raises ValueError if the body has no skin around the joint.
     """
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"
@@ -97,4 +104,6 @@ def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name:
     along = offset @ wanted
     aside = np.linalg.norm(offset - along[:, None] * wanted, axis=1)
     usable = np.isin(asset.main_bone(), allowed) & (np.linalg.norm(offset, axis=1) < 0.3)
+    if not usable.any():
+        raise ValueError(f"the body has no skin that a hand at {name} could hold")
     return int(np.argmax(np.where(usable, along - 2.0 * aside, -np.inf)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from anchorpose.errors import AnchorposeError
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame
 from anchorpose.simulate.aids import HeldEquipment
 from anchorpose.simulate.config import NAMED_ONLY, SimulationConfig
@@ -26,7 +27,8 @@ from anchorpose.simulate.timeline import (
     stance_places,
     stand,
     standing_pelvis_m,
-    walk_until,
+    walk,
+    walk_seconds,
     yaw_towards,
 )
 
@@ -38,9 +40,8 @@ GRIP_TILT_RAD = 0.5  # rad, angle by which the fingers of a hand on a rail point
 WRIST_TO_GRIP_M = 0.06  # m, distance from the wrist to the point of the hand that lies on the rail
 SIT_CHANCE = 0.4  # probability that a patient with a stool begins or ends a mixed series of motions on the stool
 LONG_AGO_S = -100.0  # s, start time for movements that are already complete when the recording begins
-OUTSIDE_M = 2.4  # m, distance from the place of training to which a patient walks who leaves the front camera's view
+OUTSIDE_M = 2.4  # m, distance to which a patient walks if it is not known which places the cameras see
 STANCE_M = 0.26  # m, distance between the feet
-WALK_S = 3.0  # s, duration of the walk from outside to the place of training
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +69,7 @@ class Actor:
     footwork: Footwork  # initial stance and steps
     waves: tuple[Wave, ...]  # sway and tremor
     grip_m: np.ndarray | None = None  # (2, 3) places on the rails that the hands hold; None without rails
+    gone_s: tuple[tuple[float, float], ...] = ()  # s, from the first step of each walk out to the last step back
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
         """Return the values of all channels (c, t)."""
@@ -80,6 +82,14 @@ class Actor:
         """Return whether the person is seated at any time of the recording."""
         seated = seated_offsets(self.person)[0]
         return any(seated in movement.offsets for movement in self.movements)
+
+    def stay_s(self, from_s: float) -> tuple[float, float]:
+        """Return start and end of the time that the person next spends at the place of training; start >= from_s."""
+        for leaves_s, returns_s in self.gone_s:
+            if from_s < leaves_s:
+                return from_s, leaves_s
+            from_s = max(from_s, returns_s)
+        return from_s, np.inf
 
     def bones(self, times_s: np.ndarray) -> np.ndarray:
         """Return T_world_rest (t, b, 4, 4): the transform of each bone from the rest pose to the world over time."""
@@ -123,9 +133,17 @@ def draw_waves(rng: np.random.Generator) -> tuple[Wave, ...]:
 
 
 def draw_patient(
-    rng: np.random.Generator, config: SimulationConfig, person: Person, frame: HeldEquipment | None
+    rng: np.random.Generator,
+    config: SimulationConfig,
+    person: Person,
+    frame: HeldEquipment | None,
+    ways_out_m: np.ndarray | None = None,
 ) -> Actor:
-    """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none."""
+    """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none.
+
+    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right; None = in a room,
+    which sets the patient's walk later. Raises AnchorposeError if the recording is too short for the walks.
+    """
     base = resting_channels(person, frame is not None)
     if frame is None:
         _loosen_arms(rng, base)
@@ -134,7 +152,7 @@ def draw_patient(
         leg_m=standing_pelvis_m(person.body), in_frame=frame is not None, elbow=float(base[CHANNEL_INDEX["elbow_left"]])
     )
     begin_s, end_s, sitting = _draw_sitting(rng, config, person)
-    footwork = _come_and_go(rng, footwork, config)
+    footwork, gone_s = _come_and_go(rng, footwork, config, ways_out_m)
     mixed = "mixed" in config.motions
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
     legs += [m for m in NAMED_ONLY if m in config.motions]
@@ -159,20 +177,44 @@ def draw_patient(
     while arms and now < config.seconds:
         movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(arms))](rng, here), now, draw_pace(rng, config.speed)))
         now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
-    return Actor(person, base, movements, footwork, draw_waves(rng), None if frame is None else frame.grip_m)
+    movements = [m for m in movements if all(m.end_s <= leaves or m.start_s >= returns for leaves, returns in gone_s)]
+    grip_m = None if frame is None else frame.grip_m
+    return Actor(person, base, movements, footwork, draw_waves(rng), grip_m, gone_s)
 
 
-def _come_and_go(rng: np.random.Generator, footwork: Footwork, config: SimulationConfig) -> Footwork:
-    """Append to ``footwork``, for each absence in ``config.away_s``, a walk out to one side and a walk back."""
-    home, facing = footwork.places_m.mean(axis=0), float(footwork.yaws.mean())
-    for gone_s, back_s in config.away_s:
-        outside = home + np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
-        if gone_s <= 0.0:
+def _come_and_go(
+    rng: np.random.Generator, footwork: Footwork, config: SimulationConfig, ways_out_m: np.ndarray | None
+) -> tuple[Footwork, tuple[tuple[float, float], ...]]:
+    """Append to ``footwork``, for each absence in ``config.away_s``, a walk out to one side, which ends when the
+    absence begins, and a walk back, which begins when the absence ends. Also return ``Actor.gone_s``.
+    """
+    home, facing, gone_s = footwork.places_m.mean(axis=0), float(footwork.yaws.mean()), []
+    for away_s, back_s in config.away_s:
+        aside = np.array([rng.uniform(-0.3, 0.0), rng.choice([-1.0, 1.0]) * OUTSIDE_M])
+        outside = home + aside if ways_out_m is None else ways_out_m[int(aside[1] > 0.0)]
+        outward, leaves_s = yaw_towards(home, outside), -np.inf
+        if away_s <= 0.0:
             footwork = stand(outside, yaw_towards(outside, home), STANCE_M)
         else:
-            footwork = walk_until(footwork, outside, yaw_towards(home, outside), gone_s, STANCE_M)
-        footwork = walk_until(footwork, home, facing, back_s + WALK_S, STANCE_M)
-    return footwork
+            leaves_s = away_s - walk_seconds(footwork, outside, outward, STANCE_M)
+            footwork = walk(footwork, outside, outward, leaves_s, STANCE_M)
+        returns_s = back_s + walk_seconds(footwork, home, facing, STANCE_M)
+        footwork = walk(footwork, home, facing, back_s, STANCE_M)
+        gone_s.append((leaves_s, returns_s))
+    if ways_out_m is None:
+        return footwork, ()
+    _require_time_to_walk(gone_s, config)
+    return footwork, tuple(gone_s)
+
+
+def _require_time_to_walk(gone_s: list[tuple[float, float]], config: SimulationConfig) -> None:
+    """Raise AnchorposeError if a walk begins before the recording or the previous return, or ends after the end."""
+    times_s = [0.0, *(time_s for span in gone_s for time_s in span if np.isfinite(time_s)), config.seconds]
+    if times_s != sorted(times_s):
+        raise AnchorposeError(
+            f"In {config.seconds:g} s the patient has no time to walk out of the cameras' view and back, which takes "
+            f"{gone_s[-1][1] - config.away_s[-1][1]:g} s each way; simulate a longer recording."
+        )
 
 
 def _loosen_arms(rng: np.random.Generator, base: np.ndarray) -> None:

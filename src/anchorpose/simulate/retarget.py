@@ -55,6 +55,12 @@ class CapturedActor:
         """Return whether the patient sits on a seat during the movement."""
         return self.capture.seated
 
+    def stay_s(self, from_s: float) -> tuple[float, float]:
+        """Return start and end of the time that the patient next spends at the place of training; as of an ``Actor``,
+        but this patient never leaves.
+        """
+        return from_s, np.inf
+
     def lowest_s(self) -> np.ndarray:
         """Return the time (1,) at which the pelvis is lowest."""
         return np.array([self.capture.start_s + np.argmin(self.pelvis_m[:, 1]) / CLIP_HZ])

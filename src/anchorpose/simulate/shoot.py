@@ -240,10 +240,7 @@ def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndar
     """Return (p,) bool: whether the depth of each point (p, 3), camera frame, equals the patient's depth in the point's
     pixel.
     """
-    ahead = inside_m[:, 2] > 0.0
-    columns, rows = np.rint(camera.project(np.where(ahead[:, None], inside_m, [0.0, 0.0, 1.0]))).astype(np.int64).T
-    inside = ahead & (rows >= 0) & (rows < camera.height) & (columns >= 0) & (columns < camera.width)
-    rows, columns = rows.clip(0, camera.height - 1), columns.clip(0, camera.width - 1)
+    columns, rows, inside = camera.pixel_of(inside_m)
     near = np.abs(image.depth_m[rows, columns] - inside_m[:, 2]) < SAME_SKIN_M
     return inside & near & (image.label[rows, columns] == PATIENT)
 

@@ -9,7 +9,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.rotations import FORWARD, UP, orthonormal_frame, rotate, unit
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s
+from anchorpose.simulate.holds import TASKS, Hold, Task, choose_hold, nearest_s, tasks_on
 from anchorpose.simulate.patient import LONG_AGO_S, PALM_ABOVE_BONE_M, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import Person, draw_person, skin_points
 from anchorpose.simulate.posture import SIDES, finger_direction, palm_normal, pose_bones
@@ -91,11 +91,12 @@ def draw_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
 ) -> tuple[Therapist, ...]:
     """Draw the configuration's number of therapists, each with a task; a third therapist only walks by."""
-    tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
+    possible = tasks_on(patient, config)
+    tasks = [task for name in config.therapist_tasks for task in possible if task.name == name]
     for index in rng.permutation(len(TASKS)):
         seat = config.stool or config.equipment == "wheelchair" or config.movement_file is None
         on_stool = seat and patient.sits() and TASKS[index].azimuth[0] > np.pi / 2.0
-        if not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
+        if TASKS[index] in possible and not on_stool and all(_apart(TASKS[index], taken) for taken in tasks):
             tasks.append(TASKS[index])
     holding = min(config.therapists, 2, len(tasks))
     found = [_draw_holder(rng, config, patient, draw_person(rng, config.clothing_m), task) for task in tasks[:holding]]
@@ -119,9 +120,11 @@ def _draw_holder(
     already_there = rng.random() < 0.25 or config.therapists_stay
     arrive_s = -5.0 if already_there else rng.uniform(0.1, 0.35) * config.seconds
     crouch_s, grasp_s = rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.8)
-    hold_from_s = arrive_s + crouch_s + grasp_s
+    ready_s = arrive_s + crouch_s + grasp_s
+    hold_from_s, patient_leaves_s = patient.stay_s(ready_s)
     leaves = rng.random() < 0.75 and not config.therapists_stay
     hold_until_s = max(hold_from_s, 0.0) + rng.uniform(0.3, 0.55) * config.seconds if leaves else 1e3
+    hold_until_s = min(hold_until_s, patient_leaves_s)
 
     at_s = max(hold_from_s, 0.0)
     if isinstance(patient, CapturedActor):
@@ -129,10 +132,10 @@ def _draw_holder(
     hold = choose_hold(patient, task, -outward, at_s)
     base = resting_channels(person, in_frame=False)
     crouch, spot = choose_spot(person, base, hold)
-    stays_s = hold_until_s - arrive_s
+    stays_s, waits_s = hold_until_s - arrive_s, hold_from_s - ready_s
     movements = [
         Movement(crouch_offsets(crouch), arrive_s - 0.2, crouch_s, stays_s, 1.0),
-        grasp(arrive_s + crouch_s, grasp_s, hold_until_s - hold_from_s, rng.uniform(0.4, 0.7)),
+        grasp(arrive_s + crouch_s + waits_s, grasp_s, hold_until_s - hold_from_s, rng.uniform(0.4, 0.7)),
     ]
     footwork = _visit(rng, spot, azimuth + np.pi, arrive_s, hold_until_s + 1.2 if leaves else None)
     return Therapist(Actor(person, base, movements, footwork, draw_waves(rng)), hold)

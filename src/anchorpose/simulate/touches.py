@@ -28,7 +28,9 @@ class Touch:
 
 
 def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...], frame: int) -> Touch:
-    """Return the contacts in one frame, clothes included: skin to skin within 3 cm, skin to equipment within 1 cm."""
+    """Return the contacts in one frame, clothes included: skin to skin within 3 cm, skin to equipment within 1 cm. A
+    patient who is away has no contacts.
+    """
     from scipy.spatial import cKDTree
 
     body = clinic.patient.person.body
@@ -37,6 +39,8 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
     bones = np.zeros(len(body.bone_heads), dtype=bool)
     joints = np.zeros((len(figures) - 1, len(joints_m)), dtype=bool)
     regions = np.zeros((len(figures) - 1, len(REGIONS)), dtype=bool)
+    if performance.away[frame]:
+        return Touch(bones, joints, regions, np.zeros((len(clinic.parts), len(bones)), dtype=bool))
     region = region_of_skin(body.asset, part, body.vertices, body.bone_heads)
     for index, figure in enumerate(figures[1:]):
         low, high = figure.skin_m.min(axis=0) - TOUCH_M, figure.skin_m.max(axis=0) + TOUCH_M

@@ -80,10 +80,11 @@ def _write_all(work: Path, clinic: Clinic, progress: Callable[[int, int], None] 
     for frame in range(config.frames):
         shot = studio.shoot(frame)
         for index, camera in enumerate(clinic.cameras):
-            name, image = f"{frame:06d}.png", shot.images[index]
-            _write_reading(recording / camera.name / "depth", records[index], frame, shot.depths_mm[index])
-            _write_png(truth / "labels" / camera.name / name, image.label)
-            _write_png(truth / "parts" / camera.name / name, image.part)
+            image, record, depth = shot.images[index], records[index], recording / camera.name / "depth"
+            if record.kept[frame]:
+                _write_shown(depth, record, frame, shot.depths_mm[index])
+            _write_shown(truth / "labels" / camera.name, record, frame, image.label)
+            _write_shown(truth / "parts" / camera.name, record, frame, image.part)
         patient_pixels.append([int((image.label == PATIENT).sum()) for image in shot.images])
         contacts.append(touches(clinic, studio.performances[0], shot.figures, frame))
         seen.append(shot.seen_share)
@@ -263,11 +264,13 @@ def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
     return late_s.clip(-limit_s, limit_s)
 
 
-def _write_reading(depth: Path, record: Record, frame: int, reading_mm: np.ndarray) -> None:
-    if record.kept[frame] and record.shown[frame] == frame:
-        _write_png(depth / f"{frame:06d}.png", reading_mm)
-    elif record.kept[frame]:
-        shutil.copyfile(depth / f"{record.shown[frame]:06d}.png", depth / f"{frame:06d}.png")
+def _write_shown(folder: Path, record: Record, frame: int, image: np.ndarray) -> None:
+    """Write the image of a frame, or a copy of the earlier file that the recorder repeats in this frame."""
+    path = folder / f"{frame:06d}.png"
+    if record.shown[frame] == frame:
+        _write_png(path, image)
+    else:
+        shutil.copyfile(folder / f"{record.shown[frame]:06d}.png", path)
 
 
 def _write_stamps(path: Path, record: Record) -> None:

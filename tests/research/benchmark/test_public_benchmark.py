@@ -303,6 +303,33 @@ def test_real_labels_are_compared_in_the_cameras_frame(tmp_path, made):
         real.score_real(folder, tmp_path, labels)
 
 
+@pytest.mark.parametrize(
+    ("row", "problem"),
+    [
+        ("room,A,7,Head,2,2,2", "repeats an earlier row in row 3 after the header"),
+        ("room,B,7,Head,1,1,1", "names an unknown person in row 3 after the header"),
+        ("room,A,-7,Head,1,1,1", "has a frame without labels in row 3 after the header"),
+        ("room,A,8,Head,1,1,1", "has a frame without labels in row 3 after the header"),
+        ("hall,A,7,Head,1,1,1", "names the unknown recording 'hall' in row 3 after the header"),
+        ("room,A,7,Nose,1,1,1", "names the unknown joint 'Nose' in row 3 after the header"),
+    ],
+)
+def test_answers_on_real_depth_are_refused_by_their_row(tmp_path, row, problem):
+    people = [{"person": "A", "box": [0, 0, 9, 9]}]
+    for labeller in ("first", "second"):
+        (tmp_path / f"room.{labeller}.json").write_text(json.dumps({"frames": {"7": people}}))
+    (tmp_path / "many.first.json").write_text(json.dumps({"recordings": {}}))
+    rows = ["recording,person,frame,joint,x_m,y_m,z_m", "room,A,7,Head,1,1,1", "room,A,7,Neck,1,1,1", row]
+    (tmp_path / "real.csv").write_text("\n".join(rows))
+    with pytest.raises(InputError, match=problem):
+        real.score_real(tmp_path, tmp_path, tmp_path)
+
+
+def test_a_folder_without_labels_is_refused(tmp_path):
+    with pytest.raises(InputError, match="has no labels"):
+        real.score_real(tmp_path, tmp_path, tmp_path)
+
+
 @pytest.mark.thorough
 def test_a_foreign_method_takes_part_and_its_figures_are_written(made, tmp_path, monkeypatch, capsys):
     assert "import anchorpose" not in EXAMPLE.read_text()

@@ -113,6 +113,22 @@ def test_frames_may_come_in_any_order_but_not_twice() -> None:
         Tracking(results_of(replace(run, frame=np.array([1, 1, 2]))))
 
 
+def test_a_variant_that_refuses_a_hard_recording_is_not_better_for_it() -> None:
+    own, variant = (method(key, key, Family.TRACKER) for key in ("own", "own-mean-body"))
+    easy, hard, refused = np.full(3, 10.0), np.full(3, 100.0), np.full(3, np.nan)
+    results = results_of(
+        tracked("own", easy, "clinic-1", scene=Scene.CLINIC),
+        tracked("own", hard, "clinic-2", scene=Scene.CLINIC),
+        tracked("own-mean-body", easy + 2.0, "clinic-1", scene=Scene.CLINIC),
+        tracked("own-mean-body", refused, "clinic-2", scene=Scene.CLINIC),
+        methods=(own, variant),
+    )
+    ablation = table(results, "ablation")
+    assert [ablation.value(key, "clinic 0").mean for key in ("own", "own-mean-body")] == [10.0, 12.0]
+    assert [ablation.value(key, "clinic 0 known").mean for key in ("own", "own-mean-body")] == [1.0, 0.5]
+    assert [column.unit for column in ablation.columns] == [Unit.MM, Unit.SHARE]
+
+
 @pytest.mark.thorough
 def test_matches_are_given_overall_by_region_and_as_a_curve() -> None:
     results = make_results(recordings=3)

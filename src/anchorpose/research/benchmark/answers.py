@@ -127,7 +127,7 @@ def _row(index: int) -> str:
     return f"row {index + 1} after the header"
 
 
-def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
+def codes_of(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
     """Return (rows,) the index in ``known`` of each text; raises InputError for a text that is not in ``known``."""
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
@@ -138,13 +138,13 @@ def _codes(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> n
     return codes
 
 
-def _refuse(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
+def refuse_row(path: Path, wrong: np.ndarray, problem: str, remedy: str) -> None:
     """Raise InputError about the first row where ``wrong`` (rows,) is true."""
     if wrong.any():
         raise InputError(path, f"{problem} in {_row(int(np.flatnonzero(wrong)[0]))}", remedy)
 
 
-def _repeated(*keys: np.ndarray) -> np.ndarray:
+def repeated(*keys: np.ndarray) -> np.ndarray:
     """Return (rows,) bool: rows that have the same values in all ``keys`` as an earlier row."""
     one = np.zeros(len(keys[0]), np.int64)
     for key in keys:
@@ -157,18 +157,19 @@ def _repeated(*keys: np.ndarray) -> np.ndarray:
 def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswers], int]:
     table, frames = read_table(path, JOINTS), round(SECONDS * FPS)
     known = [name for group in ALL_GROUPS for name in group.recordings.values()]
-    recording, joint = (_codes(path, n, table[n], names) for n, names in (("recording", known), ("joint", JOINT_NAMES)))
+    named = (("recording", known), ("joint", JOINT_NAMES))
+    recording, joint = (codes_of(path, name, table[name], names) for name, names in named)
     frame, place = table["frame"], np.column_stack([table[name] for name in PLACE])
     sigma = table.get(OPTIONAL, np.full(len(frame), np.nan))
-    _refuse(path, (frame < 0) | (frame >= frames), "has a frame out of range", f"frames are 0 to {frames - 1}")
+    refuse_row(path, (frame < 0) | (frame >= frames), "has a frame out of range", f"frames are 0 to {frames - 1}")
     check_places(path, place)
-    _refuse(
+    refuse_row(
         path,
         ~np.isnan(sigma) & ~((sigma > 0) & (sigma < np.inf)),
         "has a sigma_m that is not above 0",
         "give metres, or leave it empty",
     )
-    _refuse(path, _repeated(recording, frame, joint), "repeats an earlier row", "give each joint and frame once")
+    refuse_row(path, repeated(recording, frame, joint), "repeats an earlier row", "give each joint and frame once")
     present = {name for group in benchmark.groups for name in group.recordings.values()}
     found = dict[str, JointAnswers]()
     for code in np.unique(recording).tolist():
@@ -183,18 +184,18 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 def check_places(path: Path, place_m: np.ndarray) -> None:
     """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor completely missing (NaN)."""
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
-    _refuse(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
+    refuse_row(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)
-    _refuse(path, far, f"has a position over {FARTHEST_M:g} m away", "give metres")
+    refuse_row(path, far, f"has a position over {FARTHEST_M:g} m away", "give metres")
 
 
 def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str], np.ndarray], int]:
     table = read_table(path, MATCHES)
     pairs = {pair.name: pair for group in ALL_GROUPS for pair in group.pairs if pair.task == next(iter(GAPS))}
-    task, pair = (_codes(path, n, table[n], names) for n, names in (("task", list(GAPS)), ("pair", list(pairs))))
+    task, pair = (codes_of(path, n, table[n], names) for n, names in (("task", list(GAPS)), ("pair", list(pairs))))
     node, match = table["node"], table["match"]
-    _refuse(path, node < 0, "has a node below 0", "count nodes from 0")
-    _refuse(path, _repeated(task, pair, node), "repeats an earlier row", "give each node of a pair once")
+    refuse_row(path, node < 0, "has a node below 0", "count nodes from 0")
+    refuse_row(path, repeated(task, pair, node), "repeats an earlier row", "give each node of a pair once")
     present = {(one.task, one.name): one for group in benchmark.groups for one in group.pairs}
     found, absent, sizes = dict[tuple[str, str], np.ndarray](), 0, dict[str, int]()
     for number in np.unique(task * len(pairs) + pair).tolist():
@@ -206,7 +207,7 @@ def _read_matches(path: Path, benchmark: Benchmark) -> tuple[dict[tuple[str, str
         first, second = _sizes(benchmark.folder, present[key], sizes)
         wrong = np.zeros(len(node), bool)
         wrong[rows] = (node[rows] >= first) | (match[rows] < NO_MATCH) | (match[rows] >= second)
-        _refuse(
+        refuse_row(
             path,
             wrong,
             f"{key[1]} has {first} nodes, and {second} in its second frame: no such node",

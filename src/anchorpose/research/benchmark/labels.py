@@ -38,6 +38,12 @@ class LabelledPerson:
 Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
+def labelled_recordings(folder: Path) -> list[str]:
+    """Return the names of all recordings that have a file of labels of their own. folder: as in ``read_labels``."""
+    names = sorted(path.name.split(".")[0] for path in folder.glob(f"*.{LABELLERS[0]}.json"))
+    return [name for name in names if "frames" in _document(folder, name, LABELLERS[0])]
+
+
 def read_labels(folder: Path, recording: str, labeller: str) -> Frames:
     """Return the people that one of ``LABELLERS`` labelled, by number of the frame. folder: benchmarks/labels."""
     return _frames(_document(folder, recording, labeller)["frames"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from anchorpose.errors import InputError
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
+from anchorpose.joints import JOINT_COUNT, JOINT_NAMES
 from anchorpose.recording.reader import open_recording, read_frame
-from anchorpose.research.benchmark.answers import PLACE, check_places, read_table
-from anchorpose.research.benchmark.labels import LABELLERS, off_m, read_labels
+from anchorpose.research.benchmark.answers import PLACE, check_places, codes_of, read_table, refuse_row, repeated
+from anchorpose.research.benchmark.labels import LABELLERS, labelled_recordings, off_m, read_labels
 from anchorpose.research.benchmark.score import Asked, TaskScore, summarise
 
 FILE: Final = "real.csv"
@@ -31,11 +31,10 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
     labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
     recording has labels.
     """
-    joints, scores = _read(answers / FILE), dict[str, TaskScore]()
-    names = sorted({path.name.split(".")[0] for path in labels.glob("*.first.json")})
-    unknown = sorted({name for name, _, _ in joints} - set(names))
-    if unknown:
-        raise InputError(answers / FILE, f"names the recording '{unknown[0]}'", f"use {', '.join(names)}")
+    names = labelled_recordings(labels)
+    if not names:
+        raise InputError(labels, "has no labels of recordings", "give the folder benchmarks/labels")
+    joints, scores = read_real(answers / FILE, labels, names), dict[str, TaskScore]()
     for name in (name for name in names if (recordings / name / "recording.json").is_file()):
         off_m = np.array(list(_distances(name, joints, recordings / name, labels)))
         no = np.zeros(len(off_m), bool)
@@ -62,13 +61,33 @@ def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterato
                     ).values()
 
 
-def _read(path: Path) -> Joints:
+def read_real(path: Path, labels: Path, names: Sequence[str]) -> Joints:
+    """Read the answers about the labelled recordings ``names``; raises InputError with the first row about a recording,
+    person, frame or joint that has no labels, or the first row that repeats an earlier one.
+    """
     table = read_table(path, COLUMNS)
-    check_places(path, np.column_stack([table[name] for name in PLACE]))
+    recording, person, frame = table["recording"], table["person"], table["frame"]
+    known = (("recording", names), ("joint", JOINT_NAMES))
+    recording_code, joint = (codes_of(path, name, table[name], among) for name, among in known)
+    place_m = np.column_stack([table[name] for name in PLACE])
+    check_places(path, place_m)
+    _require_labelled(path, list(zip(recording, person, frame.tolist(), strict=True)), labels, names)
+    again = repeated(recording_code, joint, np.unique(person, return_inverse=True)[1], frame)
+    refuse_row(path, again, "repeats an earlier row", "give each joint of a person and frame once")
     joints: Joints = {}
-    for recording, person, frame, joint, *place in zip(*(table[name] for name in COLUMNS), strict=True):
-        if joint not in JOINT_INDEX:
-            raise InputError(path, f"names the unknown joint '{joint}'", f"use names such as {next(iter(JOINT_INDEX))}")
-        key = (str(recording), str(person), int(frame))
-        joints.setdefault(key, np.full((JOINT_COUNT, 3), np.nan))[JOINT_INDEX[joint]] = place
+    for *key, number, place in zip(recording, person, frame.tolist(), joint, place_m, strict=True):
+        joints.setdefault(tuple(key), np.full((JOINT_COUNT, 3), np.nan))[number] = place
     return joints
+
+
+def _require_labelled(path: Path, rows: list[tuple[str, str, int]], labels: Path, names: Sequence[str]) -> None:
+    """Raise InputError with the first row (recording, person, frame) whose person has no labels in its recording, or
+    whose frame has none.
+    """
+    frames = [(name, *each) for name in names for who in LABELLERS for each in read_labels(labels, name, who).items()]
+    people = {(name, one.person) for name, _, labelled in frames for one in labelled}
+    numbers = {(name, number) for name, number, _ in frames}
+    unknown = np.array([row[:2] not in people for row in rows], bool)
+    refuse_row(path, unknown, "names an unknown person", "use the letters of the recording's labels")
+    unlabelled = np.array([(name, number) not in numbers for name, _, number in rows], bool)
+    refuse_row(path, unlabelled, "has a frame without labels", "answer the labelled frames only")

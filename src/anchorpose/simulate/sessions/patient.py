@@ -84,7 +84,7 @@ def draw_session_patient(
             happenings.append(drawn.happening)
     footwork = Footwork(feet.places_m, feet.yaws, tuple(steps))
     grip_m = None if rails is None else rails.grip_m
-    return SessionPatient(person, base, movements, footwork, waves, grip_m, tuple(happenings))
+    return SessionPatient(person, base, movements, footwork, waves, grip_m, happenings=tuple(happenings))
 
 
 def _both(channel: str, amount: float) -> tuple[tuple[str, float], ...]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from anchorpose.simulate.config import SimulationConfig
-from anchorpose.simulate.holds import TASKS, Task, choose_hold
+from anchorpose.simulate.holds import Task, choose_hold, tasks_on
 from anchorpose.simulate.patient import LONG_AGO_S, Actor, draw_waves, resting_channels
 from anchorpose.simulate.person import draw_person
 from anchorpose.simulate.sessions.patient import ALWAYS_S
@@ -25,8 +25,11 @@ COMES_S: Final = 0.8  # s, time in which a therapist moves nearer before the han
 def draw_session_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial]
 ) -> tuple[Therapist, ...]:
-    """Draw the configuration's number of therapists, at most one on each side of the patient; they stay in place."""
-    tasks = [next(task for task in TASKS if task.name == name) for name in config.therapist_tasks]
+    """Draw the configuration's number of therapists, at most one on each side of the patient; they stay in place. There
+    is no therapist on a side on which the patient lacks the knee.
+    """
+    possible = tasks_on(patient, config)
+    tasks = [task for name in config.therapist_tasks for task in possible if task.name == name]
     return tuple(_draw(rng, config, patient, plan, task) for task in tasks[: config.therapists])
 
 

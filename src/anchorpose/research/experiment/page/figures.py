@@ -24,7 +24,7 @@ from anchorpose.research.experiment.page.drawing import (
     place_legend,
 )
 from anchorpose.research.experiment.page.matching_tables import PAPER_FEATURE_S
-from anchorpose.research.experiment.page.tables import Table
+from anchorpose.research.experiment.page.tables import Table, Unit
 from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.tracking_tables import OTHER_HOLES
 
@@ -187,9 +187,9 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """Draw one panel per column of the table (a scene with or without holes), with a dot per method."""
+    """Draw one panel per column of errors (a scene with or without holes), with a dot per method."""
     table = tables[0]
-    methods, columns = table.methods, table.columns
+    methods, columns = table.methods, [column for column in table.columns if column.unit is Unit.MM]
     wide = min(len(columns), 5)
     tall = -(-len(columns) // wide)
     height = (0.24 * len(methods) + 0.7) * tall + 0.3
@@ -217,7 +217,8 @@ SCENES_FIGURES = (
     ),
     FigureSpec(
         "ablation",
-        "Beyond the paper: anchorpose’s tracker without one component at a time. Within a panel, the same frames.",
+        "Beyond the paper: anchorpose’s tracker without one component at a time. Within a panel, the same joints in "
+        "the same frames.",
         ("ablation",),
         _draw_scenes,
     ),

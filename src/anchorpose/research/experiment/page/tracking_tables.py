@@ -224,26 +224,54 @@ def _scene_table(results: ExperimentResults, tracking: Tracking) -> Table:
 
 def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resamples: int) -> list[Row]:
     """Return a method's rows (values) in a scene: without a hole and, if holes are cut, with the largest hole."""
-    holes = tracking.holes(scene)
     return [
         Row(
             method,
-            Column(f"{scene} {hole:g}", f"{scene}, {hole:.2f} m" if hole else str(scene)),
+            scene_column(scene, hole),
             mean_over(list(tracking.errors(scene, method.key, hole, kept).values()), resamples),
         )
-        for hole in dict.fromkeys((holes[0], holes[-1]))
+        for hole in _end_holes(tracking, scene)
     ]
 
 
+def _end_holes(tracking: Tracking, scene: Scene) -> list[float]:
+    """Return the smallest and the largest size of hole of a scene, in metres; one size if all holes are equal."""
+    holes = tracking.holes(scene)
+    return list(dict.fromkeys((holes[0], holes[-1])))
+
+
+def scene_column(scene: Scene, hole_m: float) -> Column:
+    """Return the column of a table for a scene and a size of hole."""
+    return Column(f"{scene} {hole_m:g}", f"{scene}, {hole_m:.2f} m" if hole_m else str(scene))
+
+
 def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
+    """Return the mean errors of the tracker's variants over the joints that all variants found, and how many joints of
+    the same frames each variant found.
+    """
     methods = ablated(results.methods)
-    rows = []
-    if any(len(tracking.ran(scene, methods)) > 1 for scene in Scene):
-        for method in methods:
-            for scene in Scene:
-                together = tracking.ran(scene, methods)
-                if len(together) > 1 and method in together:
-                    kept = tracking.shared(scene, together)
-                    rows += _in_scene(tracking, scene, method, kept, results.config.resamples)
-    note = "The tracker without one component at a time; the same frames for all variants."
+    rows = [row for scene in Scene for row in _ablation_rows(tracking, scene, methods, results.config.resamples)]
+    rows.sort(key=lambda row: methods.index(row.method))  # stable: the columns keep their order
+    note = (
+        "The tracker without one component at a time; the same frames for all variants. The mean is over the joints "
+        "that all variants found; “known” is the share of joints that a variant found."
+    )
     return Table("ablation", "Ablation of anchorpose’s tracker: mean joint error, mm", "scene", note, tuple(rows))
+
+
+def _ablation_rows(tracking: Tracking, scene: Scene, methods: Sequence[Method], resamples: int) -> list[Row]:
+    """Return the rows of one scene, sorted by size of hole; none if fewer than two variants ran."""
+    together, rows = tracking.ran(scene, methods), list[Row]()
+    if len(together) < 2:
+        return rows
+    kept = tracking.shared(scene, together)
+    for hole in _end_holes(tracking, scene):
+        column, recordings = scene_column(scene, hole), [recording for recording, of in kept if of == hole]
+        errors = {method: tracking.errors(scene, method.key, hole, kept) for method in together}
+        found = {recording: np.isfinite([errors[method][recording] for method in together]) for recording in recordings}
+        for index, method in enumerate(together):
+            common = [errors[method][recording][found[recording].all(axis=0)] for recording in recordings]
+            known = [found[recording][index].astype(float) for recording in recordings]
+            share = Column(f"{column.key} known", f"{column.label}, known", Unit.SHARE)
+            rows += [Row(method, column, mean_over(common, resamples)), Row(method, share, mean_over(known, resamples))]
+    return rows
