@@ -245,14 +245,19 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
         axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
         time="as recorded",
-        missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
-        "stretch of frames without a pause in which all the others are known is a separate file",
-        counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
+        missing="a MOT cannot hold a gap: coordinates known in less than half of the patient's frames are left out, "
+        "and each stretch of frames without a pause in which all the others are known is a separate file",
+        counts=(
+            ("files", len(stretches.runs)),
+            ("frames", stretches.frames),
+            ("frames_left_out", len(source.frame) - stretches.frames),
+        ),
         notes=(
             f"Left out, since joints are missing: {', '.join(left_out) or 'nothing'}.",
             "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least certain."
             if hinges is not None
             else "hip_rotation and arm_rot are left out: joint centres do not determine them (no poses.parquet).",
+            *stretches.notes,
         ),
     )
 
