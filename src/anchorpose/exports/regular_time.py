@@ -229,7 +229,7 @@ def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretch
     """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined:
     as in ``runs_where``. ``runs`` is empty if no two neighbouring frames have all columns to write.
     """
-    frames = np.count_nonzero(known.any(axis=1))  # neither pauses nor frames in which the patient is lost count
+    frames = int(known.any(axis=1).sum())  # neither pauses nor frames in which the patient is lost count
     kept = known.sum(axis=0) >= KEPT_SHARE * max(frames, 1)
     whole = np.asarray(known[:, kept].all(axis=1) & kept.any())
     runs = runs_where(whole, joined)
