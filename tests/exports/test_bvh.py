@@ -1,5 +1,6 @@
 """BVH: forward kinematics of the file gives the joints back."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,17 @@ def test_a_frame_in_which_the_patient_is_lost_parts_the_file(tmp_path):
     assert max(off_mm(second, joints[9:], BY_BONES).values()) < 0.05
 
 
+def test_a_pause_longer_than_the_recording_parts_the_file_and_hides_no_bone(tmp_path):
+    joints, time_s = true_joints(), times(75) + np.where(np.arange(75) >= 40, 10.0, 0.0)
+    results = write_true_results(tmp_path / "results", joints, time_s, {20: ("AnkleLeft",), 22: ("AnkleLeft",)})
+    parts = exported(results)
+    assert [len(bvh.paths_cm["SpineBase"]) for bvh in parts] == [20, 17, 35]
+    assert "AnkleLeft" in parts[0].paths_cm
+    record = json.loads((results / "exports" / "bvh" / "export.json").read_text())
+    assert record["counts"]["frames_left_out"] == 3
+    assert any(note.endswith("next to them are not: 1.") for note in record["notes"])
+
+
 def test_a_hand_that_is_lost_most_of_the_time_leaves_the_rest_of_the_arm(tmp_path):
     joints = true_joints()
     lost = dict.fromkeys(range(60), ("WristLeft", "HandLeft"))
@@ -154,6 +166,14 @@ def test_poses_of_other_frames_are_refused(tmp_path):
     with pytest.raises(InputError, match="other frames"):
         export_results(folder, [Format.BVH], ExportConfig())
     assert not (folder / "exports").exists()
+
+
+@pytest.mark.parametrize("kind", [Format.BVH, Format.MOT])
+def test_a_patient_who_is_lost_most_of_the_time_is_exported_where_known(tmp_path, kind):
+    results = write_true_results(tmp_path / "results", true_joints(), lost=dict.fromkeys(range(30, 75), JOINT_NAMES))
+    ((_, product),) = export_results(results, [kind], ExportConfig())
+    counts = dict(product.counts)
+    assert (counts["files"], counts["frames"], counts["frames_left_out"]) == (1, 30, 45)
 
 
 @pytest.mark.parametrize("kind", [Format.BVH, Format.MOT])

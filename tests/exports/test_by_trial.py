@@ -75,8 +75,10 @@ def test_the_dictionary_has_the_user_s_units_and_meanings(folder):
         assert found[file, "amplitude"]["meaning"] == "current of the stimulator"
         assert found[file, "amplitude"]["type"] == "number"
         assert found[file, "electrodes"]["type"] == "text"
-    ours = [row for row in rows if row["file"] in ("measures_by_trial.csv", "trial_intervals.csv", "trials.csv")]
-    assert [row["column"] for row in ours if not row["meaning"]] == []
+    assert {"axes.csv", "measures_by_trial.csv", "trial_intervals.csv", "trials.csv"} <= {row["file"] for row in rows}
+    assert [(row["file"], row["column"]) for row in rows if not row["meaning"]] == []
+    assert "axis" in found["axes.csv", "sigma_deg"]["meaning"]
+    assert "does not belong to it" in found["trials.csv", "end_s"]["meaning"]  # no last frame, as of other intervals
 
 
 def test_each_rater_has_a_row_per_trial_and_the_mean_is_known_where_all_have_scored(folder, tmp_path):

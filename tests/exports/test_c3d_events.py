@@ -56,8 +56,37 @@ def test_more_events_than_a_file_holds_lose_contacts_before_steps_and_none_make_
     assert add_events(file, read_events(results), np.arange(5.0, 125.0, 0.1)) == 2
     assert list(file["parameters"]["EVENT"]["LABELS"]["value"]) == ["Foot Off", "Foot Strike"]
     file = ezc3d.c3d()
-    assert add_events(file, read_events(results), np.array([200.0, 201.0])) == 0
+    assert add_events(file, (), np.array([200.0, 201.0])) == 0
     assert "EVENT" not in file["parameters"]
+
+
+def test_an_event_at_the_end_of_resampled_times_is_kept_and_one_outside_is_counted_apart(tmp_path):
+    time_s = 5.0 + np.arange(60) / 10 + np.random.default_rng(3).uniform(-0.005, 0.005, 60)
+    time_s[-1] = 10.89  # the last frame of the regular grid is almost a frame interval before
+    frames = [make_frame(i, float(second), standing_joints()) for i, second in enumerate(time_s)]
+    folder = write_results(tmp_path / "results", frames)
+    seen = {"first_frame": 0, "last_frame": 1, "state": JointState.OBSERVED}
+    rise = Episode(kind=SIT_TO_STAND, start_s=6.0, end_s=float(time_s[-1]), **seen)
+    write_episodes(folder / EPISODES_FILE, [rise, replace(rise, start_s=2.0, end_s=12.0)])
+    ((out, product),) = export_results(folder, (Format.C3D,), ExportConfig())
+    file = ezc3d.c3d(str(out / "joints.c3d"))
+    last_s = (file["data"]["points"].shape[2] - 1) / 10.0
+    assert last_s < time_s[-1] - time_s[0]
+    times_s = np.array([60.0, 1.0]) @ np.asarray(file["parameters"]["EVENT"]["TIMES"]["value"])
+    assert times_s == pytest.approx([6.0 - time_s[0], last_s], abs=1e-4)
+    assert any("0 of 4 did not fit" in note and "2 are at times outside" in note for note in product.notes)
+
+
+def test_an_event_between_the_frames_of_two_files_is_in_one_of_them(results, monkeypatch):
+    monkeypatch.setattr(c3d, "LARGEST_FRAMES", 600)
+    seen = {"first_frame": 0, "last_frame": 1, "state": JointState.OBSERVED}
+    rise = Episode(kind=SIT_TO_STAND, start_s=64.95, end_s=65.0, **seen)
+    write_episodes(results / EPISODES_FILE, [rise])
+    ((out, _),) = export_results(results, (Format.C3D,), ExportConfig())
+    labels = [
+        list(ezc3d.c3d(str(path))["parameters"]["EVENT"]["LABELS"]["value"]) for path in sorted(out.glob("*.c3d"))
+    ]
+    assert labels == [["Contact Start", "Contact End", "Stand Up Start"], ["Stand Up End"]]
 
 
 def test_an_exported_c3d_is_understood_as_a_reference(results, tmp_path):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.exports.regular_time import NEAR_SHARE, TimeBase, regular_samples
+from anchorpose.exports.regular_time import NEAR_SHARE, TimeBase, near_in_time, regular_samples
 
 
 @pytest.mark.parametrize("rate_hz", [5.0, 15.0, 29.97, 30.0])
@@ -28,7 +28,8 @@ def test_frames_that_were_dropped_come_back_empty_and_the_others_stay(dropped):
     kept = np.array([row for row in range(60) if row not in dropped])
     samples = make_samples(times(60)[kept])
     regular = regular_samples(samples)
-    if regular.rate_hz == 15.0:  # else every second frame or more was dropped, and that is the rate
+    slow = (np.diff(kept) > 1) & near_in_time(samples.time_s)  # every second frame or more was dropped for a while
+    if regular.rate_hz == 15.0 and not slow.any():
         assert regular.base is TimeBase.GAPS_FILLED_UP
         assert np.array_equal(np.flatnonzero(regular.interpolation.recorded), kept)
         assert np.array_equal(regular.samples.time_s[kept], samples.time_s)
@@ -96,6 +97,33 @@ def test_angles_are_interpolated_the_short_way_round():
     row = int(np.argmin(np.abs(regular.samples.time_s - 0.3)))
     turned = np.radians(regular.samples.degrees[row, 0])
     assert np.cos(turned) < -0.99
+
+
+SLOWED = np.cumsum([0.0] + [1 / 30] * 104 + [1 / 15] * 45)  # a camera that falls to half its rate in poor light
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.0008])
+def test_a_camera_that_slows_down_leaves_no_gaps_and_what_it_drops_is_one(jitter_s):
+    stamps = SLOWED + np.random.default_rng(0).uniform(-jitter_s, jitter_s, len(SLOWED))
+    regular = regular_samples(make_samples(stamps))
+    assert (regular.base, regular.rate_hz, len(regular.samples.time_s)) == (TimeBase.RESAMPLED, 30.0, 195)
+    assert np.abs(regular.samples.position_m[:, 4, 1] - regular.samples.time_s).max() < NEAR_SHARE / 30.0
+    kept = np.delete(np.arange(len(stamps)), [40, 128])  # one frame of each part
+    gaps = np.flatnonzero(~near_in_time(stamps[kept]))
+    assert gaps.tolist() == [39, 126]
+    empty = ~regular_samples(make_samples(stamps[kept])).interpolation.bridged
+    assert 4 <= empty.sum() <= 6  # gaps of two and of four frame intervals of the grid
+
+
+def test_what_a_slow_part_or_a_pause_leaves_unknown_is_not_bridged():
+    pauses = np.concatenate([np.arange(60) / 30.0, 2.0 + 0.6 * np.arange(1, 40)])  # single frames 0.6 s apart
+    assert np.flatnonzero(~near_in_time(pauses)).tolist() == list(range(59, 98))
+    assert near_in_time(0.6 * np.arange(40)).all()  # the rate of the whole recording
+    assert near_in_time(np.array([0.0, 0.1])).all()
+
+
+def test_a_recorder_that_drops_every_third_frame_has_a_rate_and_no_gaps():
+    assert near_in_time(np.delete(np.arange(150) / 30.0, np.arange(2, 150, 3))).all()
 
 
 @pytest.mark.parametrize("time_s", [[0.0], [0.0, 0.1, 0.2, 0.3, 500.0]])

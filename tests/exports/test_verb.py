@@ -53,6 +53,15 @@ def test_an_export_is_replaced_only_when_asked_and_one_of_another_format_never(r
     assert (results / "exports" / "trc" / "joints.trc").is_file()
 
 
+def test_a_record_that_was_spoiled_by_hand_is_refused_in_one_sentence(results, refusal):
+    assert main(["export", str(results), "--to", "csv"]) == 0
+    (results / "exports" / "csv" / "export.json").write_text('{"files": 3}')
+    message = refusal(["export", str(results), "--to", "csv", "--overwrite"])
+    assert "export.json" in message
+    assert message.count("\n") == 1
+    assert (results / "exports" / "csv" / "joints.csv").is_file()
+
+
 def test_a_folder_that_is_not_ours_is_never_touched(results, tmp_path, capsys):
     (tmp_path / "mine" / "trc").mkdir(parents=True)
     (tmp_path / "mine" / "trc" / "thesis.txt").write_text("years of work")

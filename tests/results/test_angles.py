@@ -6,8 +6,17 @@ import pytest
 from results_builder import make_frame, standing_joints, write_results
 from scipy.spatial.transform import Rotation
 
-from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
-from anchorpose.results.joint_angles import ANGLE_GROUPS, ANGLE_NAMES, AT_ONCE, angles_with_sigma, joint_angles
+from anchorpose.body.kinematics import shape_body
+from anchorpose.body.segments import load_body_asset
+from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LOST
+from anchorpose.results.joint_angles import (
+    ANGLE_GROUPS,
+    ANGLE_NAMES,
+    AT_ONCE,
+    SOLE_SLOPE_DEG,
+    angles_with_sigma,
+    joint_angles,
+)
 from anchorpose.results.tables import JointTable, read_angles
 
 NAMES = list(ANGLE_NAMES)
@@ -109,6 +118,25 @@ FOOT_DEG = 19.3 - np.degrees(np.arctan2(0.05, 0.15))  # of the stick figure
 def test_leaning_and_turning_read_as_the_angle_and_sign_that_is_written(about, moved, degrees, axis, expected):
     turned = _turn(standing_joints(), about, moved, degrees, axis)
     assert {name: _angle(turned, name) for name in expected} == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_lean_of_the_thorax_turns_with_a_trunk_that_only_rotates():
+    below = ("SpineBase", "SpineMid", "Hip", "Knee", "Ankle", "Foot")
+    upper = [name for name in JOINT_NAMES if not name.startswith(below)]
+    standing = shape_body(load_body_asset(), np.zeros(0)).rest_joints()
+    turned = _turn(standing, "SpineMid", upper, 30.0, np.array([0.0, 1.0, 0.0]))
+    found = [_angle(turned, f"trunk_pelvis_{name}") for name in ("flexion", "side_bend", "rotation")]
+    assert found == pytest.approx([8.8, -2.6, 29.9], abs=0.1)  # docs/angles.md and docs/export.md state this
+
+
+def test_the_slope_of_a_level_sole_varies_between_adults_as_the_docs_say():
+    asset, rng = load_body_asset(), np.random.default_rng(0)
+    shapes = rng.normal(size=(400, len(asset.adult_sigma))) * asset.adult_sigma
+    joints = np.array([shape_body(asset, shape).rest_joints() for shape in shapes])
+    foot = joints[:, JOINT_INDEX["FootLeft"]] - joints[:, JOINT_INDEX["AnkleLeft"]]
+    slope_deg = np.degrees(np.arctan2(-foot[:, 1], np.hypot(foot[:, 0], foot[:, 2])))
+    assert slope_deg.mean() == pytest.approx(SOLE_SLOPE_DEG, abs=0.2)
+    assert slope_deg.std() == pytest.approx(1.5, abs=0.1)
 
 
 def test_the_pelvis_in_the_world_is_turned_raised_and_tilted_in_that_order():

@@ -200,18 +200,17 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
     for number, (first, last) in enumerate(stretches.runs):
         path = folder / stretch_name(STEM, ".bvh", number, len(stretches.runs))
         write_bvh_file(path, nodes, kept, root_m, slice(first, last), regular.rate_hz)
-    frames = sum(last - first for first, last in stretches.runs)
     left_out = [node.name for place, node in enumerate(nodes) if place not in kept]
     return Product(
         axes="Y up, the patient faces X, the patient's right is Z; the world of the recording",
         units="centimetres, degrees, turns about Z, then X, then Y",
         time=str(regular.base),
-        missing="a BVH cannot hold a gap: bones known in less than half of the frames are left out, and each stretch "
-        "of frames in which all the others are known is a separate file",
+        missing="a BVH cannot hold a gap: bones known in less than half of the patient's frames are left out, and each "
+        "stretch of frames in which all the others are known is a separate file",
         counts=(
             ("files", len(stretches.runs)),
-            ("frames", frames),
-            ("frames_left_out", len(regular.samples.time_s) - frames),
+            ("frames", stretches.frames),
+            ("frames_left_out", int(regular.interpolation.bridged.sum()) - stretches.frames),
             ("rate_hz", regular.rate_hz),
         ),
         notes=(
@@ -224,6 +223,7 @@ def write_bvh(folder: Path, source: Source, config: ExportConfig) -> Product:
                 for number, (first, _) in enumerate(stretches.runs)
             ),
             f"Left out, since joints are missing: {', '.join(left_out) or 'nothing'}.",
+            *stretches.notes,
         ),
     )
 

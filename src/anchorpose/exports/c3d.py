@@ -35,7 +35,6 @@ STEM: Final = "joints"
 LARGEST_FRAMES: Final = 65535
 """Maximum number of frames in a file, since the format counts frames with 16 bits. A longer recording is split."""
 
-LARGEST_RESIDUAL: Final = 255.0  # maximum residual in mm, since the file stores it in one byte
 NOT_GIVEN: Final = -1.0  # value of an unknown sigma, since analog channels have no mark for missing values
 
 
@@ -46,10 +45,13 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     regular = regular_samples(source.samples)
     samples = regular.samples
     starts = range(0, len(samples.time_s), LARGEST_FRAMES)
-    events, held = read_events(source.folder), 0
-    for number, start in enumerate(starts):
+    events, inside, held = read_events(source.folder), 0, 0
+    ends_s = [*samples.time_s[starts[1:]], samples.time_s[-1] + 1.0 / regular.rate_hz]
+    for number, (start, end_s) in enumerate(zip(starts, ends_s, strict=True)):
         part, path = samples.rows(slice(start, start + LARGEST_FRAMES)), stretch_name(STEM, ".c3d", number, len(starts))
-        held += _write_file(folder / path, part, regular.rate_hz, events)
+        of_part = tuple(event for event in events if part.time_s[0] <= event.time_s < end_s)
+        inside += len(of_part)
+        held += _write_file(folder / path, part, regular.rate_hz, of_part)
     return Product(
         axes="X forward, Y up, Z to the patient's right; POINT:X_SCREEN +X, POINT:Y_SCREEN +Y",
         units="POINT:UNITS mm; angles in degrees; sigma in mm and degrees",
@@ -65,14 +67,14 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         ),
         notes=(
             "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
-            "A point's residual is its sigma in whole millimetres, rounded up and at most 255; the analog channels "
-            "NAME.sigma have the exact value.",
+            "The residual of every known point is 0; its sigma is in the analog channel NAME.sigma.",
             "The analog channels NAME.state are codes: "
             + ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
             + ".",
             "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
             "beginnings and ends of standing up, sitting down, being upright and contacts; "
-            f"{len(events) - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}.",
+            f"{inside - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}; "
+            f"{len(events) - inside} are at times outside of the recording.",
             f"The first frame is at {float(samples.time_s[0])!r} s; the beginning of each file is in "
             "ANCHORPOSE:START_TIME.",
         ),
@@ -130,13 +132,13 @@ def _add_frames(file: Any, samples: Samples) -> None:
     places = np.concatenate([1000.0 * samples.position_m, angles], axis=1)
     sigma = np.concatenate([1000.0 * samples.joint_sigma_m, samples.sigma_deg], axis=1)
     missing = np.isnan(places).any(axis=2)
-    residual = np.where(missing, -1.0, np.clip(np.ceil(np.nan_to_num(sigma)), 1.0, LARGEST_RESIDUAL))
     state_code = np.concatenate([samples.joint_state_code, samples.angle_state_code], axis=1)
     channels = np.stack([np.where(np.isnan(sigma), NOT_GIVEN, sigma), state_code], axis=2)
-    points = np.ones((4, *residual.T.shape))
+    points = np.ones((4, *missing.T.shape))
     points[:3] = places.transpose(2, 1, 0)
     file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = residual.T[None]
+    # no sigma here, since programs read a residual other than 0 and -1 differently
+    file["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0).T[None]
     file["data"]["analogs"] = channels.reshape(len(channels), -1).T[None]
 
 
@@ -202,14 +204,14 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     """Add the C3D group EVENT to an ezc3d file whose frames are at time_s (n,); return the number of events added.
 
-    Events before the first and after the last frame are left out. If more than ``MOST_EVENTS`` remain, events with the
-    context ``GENERAL`` (contacts and posture) are left out first.
+    An event after the last frame gets the time of this frame: the last sample may be up to a frame interval later if
+    the samples were resampled. If there are more than ``MOST_EVENTS``, events with the context ``GENERAL`` (contacts
+    and posture) are left out first.
     """
-    inside = [event for event in events if time_s[0] <= event.time_s <= time_s[-1]]
-    kept = sorted(sorted(inside, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])
+    kept = sorted(sorted(events, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])
     if not kept:
         return 0
-    seconds = np.array([event.time_s for event in kept]) - time_s[0]
+    seconds = np.minimum([event.time_s for event in kept], time_s[-1]) - time_s[0]
     contexts, labels, about = ([getattr(event, name) for event in kept] for name in ("context", "label", "description"))
     times, zeros = np.stack([np.floor(seconds / 60.0), seconds % 60.0]), [0] * len(kept)
     _add(file, "EVENT", USED=[len(kept)], CONTEXTS=contexts, LABELS=labels, DESCRIPTIONS=about)

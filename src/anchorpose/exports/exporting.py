@@ -250,10 +250,12 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 def _own_files(folder: Path) -> tuple[str, ...]:
     """Return patterns of the files in a folder that may be replaced, since an earlier export wrote them; empty without
-    such files.
+    such files. Raises InputError if the record of the earlier export cannot be read.
     """
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []
+    if not isinstance(files, list):
+        raise InputError(record, "'files' is not a list of names", "remove this folder, or choose another with -o")
     return (RECORD_FILE, *(escape(str(file)) for file in files)) if files else ()
 
 

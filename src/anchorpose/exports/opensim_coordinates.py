@@ -154,6 +154,7 @@ def opensim_coordinates(
 ) -> dict[str, np.ndarray]:
     """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out coordinates that joints
     do not determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
+    Rotations are between -180 and 180 degrees, arm_flex between -90 and 270.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
     computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros: if it is given
@@ -203,7 +204,7 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
     shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
     flexion, adduction = limb_angles_deg(in_axes(torso, elbow - shoulder), sign)
     return {
-        f"arm_flex_{end}": flexion,
+        f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,  # jumps where no arm gets: straight back, not overhead
         f"arm_add_{end}": adduction,
         f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),
     }
@@ -237,35 +238,40 @@ def write_mot(folder: Path, source: Source, config: ExportConfig) -> Product:
     kept = tuple(name for name, keep in zip(names, stretches.kept, strict=True) if keep)
     for number, (first, last) in enumerate(stretches.runs):
         name = stretch_name(STEM, ".mot", number, len(stretches.runs))
-        values = _unwrapped(kept, whole[first:last, stretches.kept])
+        values = _turning_on(kept, whole[first:last, stretches.kept])
         write_mot_file(folder / name, source.samples.time_s[first:last], kept, values)
-    frames = sum(last - first for first, last in stretches.runs)
     left_out = [name for name in names if name not in kept]
     return Product(
         axes=f"OpenSim's coordinates of the model {config.model}; X forward, Y up, Z to the patient's right",
         units="degrees; pelvis_tx, pelvis_ty, pelvis_tz metres; seconds",
         time="as recorded",
-        missing="a MOT cannot hold a gap: coordinates known in less than half of the frames are left out, and each "
-        "stretch of frames without a pause in which all the others are known is a separate file",
-        counts=(("files", len(stretches.runs)), ("frames", frames), ("frames_left_out", len(source.frame) - frames)),
+        missing="a MOT cannot hold a gap: coordinates known in less than half of the patient's frames are left out, "
+        "and each stretch of frames without a pause in which all the others are known is a separate file",
+        counts=(
+            ("files", len(stretches.runs)),
+            ("frames", stretches.frames),
+            ("frames_left_out", len(source.frame) - stretches.frames),
+        ),
         notes=(
             f"Left out, since joints are missing: {', '.join(left_out) or 'nothing'}.",
             "hip_rotation and arm_rot are those of the learnt body (poses.parquet); they are the least certain."
             if hinges is not None
             else "hip_rotation and arm_rot are left out: joint centres do not determine them (no poses.parquet).",
+            *stretches.notes,
         ),
     )
 
 
-def _unwrapped(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Return the values (n, c) without the jumps of angles by 360 degrees that occur when a turning patient faces -X.
+def _turning_on(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Return the values (n, c) without the jumps of ``pelvis_rotation`` by 360 degrees that occur when a turning
+    patient faces -X. Across such a jump, interpolation and filters would take the longer arc.
 
-    Across such a jump, interpolation and filters would take the longer arc. Lengths stay unchanged.
+    No other joint turns full circle. Its rotations would only collect whole turns where they have no definite value.
     """
-    unwrapped = values.copy()
-    for column in np.flatnonzero(~np.isin(names, SHIFTS)):  # one by one, since all at once take 4 times the memory
-        unwrapped[:, column] = np.unwrap(values[:, column], period=360.0)
-    return unwrapped
+    turning = values.copy()
+    for column in np.flatnonzero(np.isin(names, "pelvis_rotation")):
+        turning[:, column] = np.unwrap(values[:, column], period=360.0)
+    return turning
 
 
 def write_mot_file(path: Path, time_s: np.ndarray, names: tuple[str, ...], values: np.ndarray) -> None:

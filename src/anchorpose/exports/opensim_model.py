@@ -123,10 +123,21 @@ def _some(body: Places, *names: str) -> Places:
     return {name: body[name] for name in names}
 
 
+WIDE: Final = (-4.0 * np.pi, 4.0 * np.pi)
+"""Range in radians of all rotations but those of hinges. It limits nothing that a patient can do, since OpenSim cuts a
+coordinate off at the limit of its range, and its inverse kinematics may stop there.
+"""
+
+HINGE: Final = (np.radians(-30.0), np.pi)
+"""Range in radians of the flexion of knees and elbows. Without a limit, a bent limb whose upper bone is rotated by half
+a turn, with a joint bent backwards, would fit the markers as well. ``knee_flexion`` has the same limit: a bend of 30
+degrees or more is flexion.
+"""
+
+
 def _pelvis(body: Places) -> OsimBody:
-    turns = tuple(  # ranges are wide, since inverse kinematics would stop if a turning patient reached a limit
-        OsimCoordinate(f"pelvis_{name}", axis, (-4.0 * np.pi, 4.0 * np.pi))
-        for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
+    turns = tuple(
+        OsimCoordinate(f"pelvis_{name}", axis, WIDE) for name, axis in (("tilt", Z), ("list", X), ("rotation", Y))
     )
     moves = tuple(
         OsimCoordinate(f"pelvis_t{name}", axis, (-50.0, 50.0), 0.95 if name == "y" else 0.0, moves=True)
@@ -138,9 +149,9 @@ def _pelvis(body: Places) -> OsimBody:
 
 
 def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
-    quarter, zero = np.pi / 2, np.zeros(3)
+    zero = np.zeros(3)
     back, neck = (
-        tuple(OsimCoordinate(f"{name}_{move}", axis, (-quarter, quarter)) for move, axis in moves)
+        tuple(OsimCoordinate(f"{name}_{move}", axis, WIDE) for move, axis in moves)
         for name, moves in (
             ("lumbar", (("extension", Z), ("bending", X), ("rotation", Y))),
             ("neck", (("extension", Z), ("bending", X))),
@@ -156,13 +167,13 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
 
 
 def _leg(body: Places, side: str, end: str, sign: int, model: CoordinateModel) -> tuple[OsimBody, OsimBody, OsimBody]:
-    bent, straight, zero = np.radians(150.0), np.radians(10.0), np.zeros(3)
-    axis, limits = (Z, (-bent, straight))
+    zero, (back, bent) = np.zeros(3), HINGE
+    axis, limits = (Z, (-bent, -back))
     if model is CoordinateModel.RAJAGOPAL:
-        axis, limits = (0.0, 0.0, -1.0), (-straight, bent)
-    hip = _ball(("hip_flexion", "hip_adduction", "hip_rotation"), end, sign, (-40.0, 140.0, 60.0, 60.0))
+        axis, limits = (0.0, 0.0, -1.0), HINGE
+    hip = _ball(("hip_flexion", "hip_adduction", "hip_rotation"), end, sign)
     knee = OsimCoordinate(f"knee_angle_{end}", axis, limits)
-    ankle = OsimCoordinate(f"ankle_angle_{end}", Z, (-np.pi / 3, np.pi / 3))
+    ankle = OsimCoordinate(f"ankle_angle_{end}", Z, WIDE)
     femur, tibia = f"femur_{end}", f"tibia_{end}"
     at_hip, at_knee, at_ankle, toe = (body[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle", "Foot"))
     on_foot = {f"Ankle{side}": zero, f"Foot{side}": toe}
@@ -175,8 +186,8 @@ def _leg(body: Places, side: str, end: str, sign: int, model: CoordinateModel) -
 
 def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBody]:
     zero, (shoulder, elbow, hand) = np.zeros(3), (body[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Hand"))
-    turns = _ball(("arm_flex", "arm_add", "arm_rot"), end, sign, (-90.0, 180.0, 180.0, 120.0))
-    bend = OsimCoordinate(f"elbow_flex_{end}", Z, (0.0, np.radians(160.0)))
+    turns = _ball(("arm_flex", "arm_add", "arm_rot"), end, sign)
+    bend = OsimCoordinate(f"elbow_flex_{end}", Z, HINGE)
     upper, on_forearm = f"humerus_{end}", {f"Elbow{side}": zero, **_some(body, f"Wrist{side}", f"Hand{side}")}
     return (
         OsimBody(upper, "torso", f"acromial_{end}", shoulder, turns, {f"Shoulder{side}": zero}, ((zero, elbow),)),
@@ -184,18 +195,10 @@ def _arm(body: Places, side: str, end: str, sign: int) -> tuple[OsimBody, OsimBo
     )
 
 
-def _ball(
-    names: tuple[str, str, str], end: str, sign: int, limits_deg: tuple[float, float, float, float]
-) -> tuple[OsimCoordinate, ...]:
-    """Return a ball joint's coordinates: flexion, adduction and inward rotation, mirrored on the left. limits_deg:
-    least and greatest flexion, then the largest adduction and rotation to either side.
-    """
-    least, most, aside, about = np.radians(limits_deg)
-    ranges = ((least, most), (-aside, aside), (-about, about))
+def _ball(names: tuple[str, str, str], end: str, sign: int) -> tuple[OsimCoordinate, ...]:
+    """Return a ball joint's coordinates: flexion, adduction and inward rotation, mirrored on the left."""
     axes: tuple[Axis, ...] = (Z, (float(sign), 0.0, 0.0), (0.0, float(sign), 0.0))
-    return tuple(
-        OsimCoordinate(f"{name}_{end}", axis, limits) for name, axis, limits in zip(names, axes, ranges, strict=True)
-    )
+    return tuple(OsimCoordinate(f"{name}_{end}", axis, WIDE) for name, axis in zip(names, axes, strict=True))
 
 
 OSIM_VERSION: Final = "40000"  # version of the file format; every OpenSim 4 reads it

@@ -14,7 +14,7 @@ import numpy as np
 from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows, write_text
 from anchorpose.exports.opensim_coordinates import DIGITS
 from anchorpose.exports.opensim_model import document, measure_body, model_xml, xml, xml_set, xml_texts
-from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name, stretches_of
+from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import CoordinateModel, ExportConfig
 
@@ -42,7 +42,7 @@ def write_trc(folder: Path, source: Source, config: ExportConfig) -> Product:
             ("recorded_frames", int(regular.interpolation.recorded.sum())),
             ("missing_markers", int(np.isnan(samples.position_m[..., 0]).sum())),
         ),
-        notes=write_osim_files(folder, samples, config.model),
+        notes=write_osim_files(folder, samples, int(regular.interpolation.bridged.sum()), config.model),
     )
 
 
@@ -174,8 +174,9 @@ def _measurement(name: str, pair: tuple[str, str], body: str, axes: str) -> Elem
 _MAY_BE_MISSING: Final = ("Head", "Shoulder", "Elbow", "Wrist", "Hand")
 
 
-def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> tuple[str, ...]:
+def write_osim_files(folder: Path, samples: Samples, frames: int, model: CoordinateModel) -> tuple[str, ...]:
     """Write model.osim, ik_setup.xml and scale_setup.xml, each if enough joints are known; return notes for users.
+    frames: number of frames of ``samples`` that are not in a gap of the recording.
 
     If trunk or legs are missing for a while, inverse kinematics gets several set-up files: ik_setup_001.xml and so on.
     """
@@ -187,30 +188,30 @@ def write_osim_files(folder: Path, samples: Samples, model: CoordinateModel) -> 
     return (
         f"{MODEL_FILE} has the bone lengths and joints of this patient; its masses are those of a 75 kg adult, for "
         "kinematics only.",
-        *_write_ik(folder, samples.time_s, known),
+        *_write_ik(folder, samples.time_s, known, frames),
         *_write_scale(folder, samples.time_s, known),
     )
 
 
-def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray) -> list[str]:
+def _write_ik(folder: Path, time_s: np.ndarray, known: np.ndarray, frames: int) -> list[str]:
     core = np.array([not name.startswith(_MAY_BE_MISSING) for name in JOINT_NAMES])
-    stretches = stretches_of(known[:, core])
-    used = ~core & known.any(axis=0)
-    used[core] = stretches.kept
+    used = core | known.any(axis=0)
     markers = tuple(name for name, use in zip(JOINT_NAMES, used, strict=True) if use)
-    count = len(stretches.runs)
-    for number, (first, last) in enumerate(stretches.runs):
+    runs = runs_where(np.asarray(known[:, core].all(axis=1)))
+    count = len(runs)
+    for number, (first, last) in enumerate(runs):
         name, result = stretch_name("joints", "", number, count), stretch_name("ik_result", ".mot", number, count)
         text = ik_setup_xml(name, result, markers, time_s[[first, last - 1]])
         write_text(folder / stretch_name("ik_setup", ".xml", number, count), text)
     if not count:
         return ["No ik_setup.xml: trunk and legs are nowhere known together for two frames."]
-    inside = np.concatenate([np.arange(*run) for run in stretches.runs])
+    inside = np.concatenate([np.arange(*run) for run in runs])
     missing = int((~known[inside][:, used]).any(axis=1).sum())
     files = "ik_setup.xml" if count == 1 else f"ik_setup_001.xml to ik_setup_{count:03d}.xml, one for each stretch"
     notes = [
         f"In OpenSim: open {MODEL_FILE}, then Tools, Inverse Kinematics, Load {files}, Run.",
-        f"Inverse kinematics is set up for {len(inside)} of {len(time_s)} frames: those with all of trunk and legs.",
+        f"Inverse kinematics is set up for {len(inside)} of {frames} frames: those with all of trunk and legs, two or "
+        "more in a row.",
         f"In {missing} of these a marker of head or arms is missing, and OpenSim repeats the last value of the "
         "coordinates that depend on it.",
     ]

@@ -11,11 +11,12 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from anchorpose.errors import AnchorposeError
 from anchorpose.exports.formats import Samples
 from anchorpose.joints import LOST
-from anchorpose.results.frame_time import LONGEST_STEP, runs_of
+from anchorpose.results.frame_time import LONGEST_STEP, longest_known_gap_s, runs_of
 
 NEAR_SHARE: Final = 0.01
 """Maximum difference between the time of a sample and a grid time for the sample to be used unchanged, as a share of
@@ -91,16 +92,16 @@ def regular_samples(samples: Samples) -> RegularSamples:
     """Bring the samples to a fixed rate; at times without samples, values are NaN and every state is ``lost``.
 
     If all times lie on a regular grid, times and values stay unchanged to the bit, and grid frames that were not
-    recorded are added without values. Otherwise values are interpolated linearly between the two samples around each
-    new time, if these samples are near in time and both have a value. The state is the worse state of the two samples.
-    Sigma is interpolated too, as if both samples had the same error. Raises AnchorposeError for a single frame, or if
-    the recording mostly paused.
+    recorded are added without values. Otherwise, and if the camera was slower than the grid for a while, values are
+    interpolated linearly between the two samples around each new time, if these samples are near in time and both have
+    a value. The state is the worse state of the two samples. Sigma is interpolated too, as if both samples had the same
+    error. Raises AnchorposeError for a single frame, or if the recording mostly paused.
     """
     time_s = samples.time_s
     rate_hz, slot, on_grid = _grid(time_s)
     if slot[-1] + 1 > MOST_ROWS * len(time_s):
         raise AnchorposeError("The recording pauses for most of its time; track its parts, or export with --to csv.")
-    if not on_grid:
+    if not on_grid or (np.diff(slot)[near_in_time(time_s)] > 1).any():
         grid_s, interpolation = _resampling(time_s, rate_hz)
         return RegularSamples(_at(samples, grid_s, interpolation), rate_hz, TimeBase.RESAMPLED, interpolation)
     grid_s, interpolation = _placing(time_s, rate_hz, slot)
@@ -116,10 +117,14 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """Return (n - 1,) bool: whether a frame and the next are so near in time (``LONGEST_STEP``) that no frame is
-    missing between them. Raises AnchorposeError if there is only one frame.
+    """Return (n - 1,) bool: whether a frame and the next are so near in time that no frame is missing between them: at
+    most ``LONGEST_STEP`` times the median step in the second around them, since a camera may slow down in poor light,
+    and never more than ``longest_known_gap_s``. Raises AnchorposeError if there is only one frame.
     """
-    return np.asarray(np.diff(time_s) <= LONGEST_STEP / nominal_rate_hz(time_s))
+    steps_s = np.diff(time_s)
+    per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)  # even, so that no frame is missing where two steps alternate
+    usual_s = median_filter(steps_s, 2 * per_side + 1, mode="mirror")
+    return np.asarray((steps_s <= LONGEST_STEP * usual_s) & (steps_s <= longest_known_gap_s(time_s)))
 
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
@@ -175,7 +180,7 @@ def _resampling(time_s: np.ndarray, rate_hz: float) -> tuple[np.ndarray, Interpo
     apart_s = time_s[before + 1] - time_s[before]
     share, near = (grid_s - time_s[before]) / apart_s, NEAR_SHARE / rate_hz / apart_s
     share = np.where(share <= near, 0.0, np.where(share >= 1.0 - near, 1.0, share))
-    bridged = (apart_s <= LONGEST_STEP / rate_hz) | (share == 0.0) | (share == 1.0)
+    bridged = near_in_time(time_s)[before] | (share == 0.0) | (share == 1.0)
     return grid_s, Interpolation(before, share, bridged)
 
 
@@ -193,27 +198,42 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Minimum share of the frames in which a column has a value; other columns are not written, since they would leave too
-few complete frames.
+"""Minimum share of the frames in which a column has a value, of those in which any column has one. Other columns are
+not written, since they would leave too few complete frames.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
     """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: by stretch in which all
-    these columns are known, the index of its first frame, and the index after its last frame.
+    these columns are known, the index of its first frame, and the index after its last frame; alone: number of frames
+    in which all these columns are known, but not in the frame before or after, so that no stretch holds them.
     """
 
     kept: np.ndarray
     runs: tuple[tuple[int, int], ...]
+    alone: int
+
+    @property
+    def frames(self) -> int:
+        """Return the number of frames in all stretches."""
+        return sum(last - first for first, last in self.runs)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return a note for users on the frames that stand alone, if there are any."""
+        return (f"Complete frames left out, since the frames next to them are not: {self.alone}.",) * (self.alone > 0)
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
     """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined:
-    as in ``runs_where``. ``runs`` is empty if every column is known in less than half of the frames.
+    as in ``runs_where``. ``runs`` is empty if no two neighbouring frames have all columns to write.
     """
-    kept = known.mean(axis=0) >= KEPT_SHARE
-    return Stretches(kept, runs_where(np.asarray(known[:, kept].all(axis=1)), joined) if kept.any() else ())
+    frames = int(known.any(axis=1).sum())  # neither pauses nor frames in which the patient is lost count
+    kept = known.sum(axis=0) >= KEPT_SHARE * max(frames, 1)
+    whole = np.asarray(known[:, kept].all(axis=1) & kept.any())
+    runs = runs_where(whole, joined)
+    return Stretches(kept, runs, int(whole.sum()) - sum(last - first for first, last in runs))
 
 
 def runs_where(whole: np.ndarray, joined: np.ndarray | None = None) -> tuple[tuple[int, int], ...]:

@@ -98,7 +98,7 @@ def pelvis_angles(points: Points) -> tuple[Reading, ...]:
 
 SOLE_SLOPE_DEG: Final = 19.3
 """Downward slope in degrees of the line from ankle to toe base when the sole is level, as the mean over the shapes of
-the body model. The slope's standard deviation between people, 1.6 degrees, is not included in the ankle's sigma.
+the body model. The slope's standard deviation between adults, 1.5 degrees, is not included in the ankle's sigma.
 """
 
 
