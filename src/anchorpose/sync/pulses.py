@@ -144,7 +144,8 @@ def find_pulse_clock(
     for trial in rivals:
         _require_no_other_offset(best, trial)
     clock = _fitted(*best.starts())
-    readings_s = [_fitted(*trial.starts()).reference_time_s(clock.middle_s) - clock.middle_s for trial in rivals]
+    middle_s = np.array([clock.middle_s])
+    readings_s = [float((_fitted(*each.starts()).reference_time_s(middle_s) - middle_s)[0]) for each in rivals]
     apart_s = float(np.ptp(readings_s))
     if apart_s > TOLERANCE_S:
         worst = int(np.argmax(np.abs(np.array(readings_s) - clock.offset_s)))
