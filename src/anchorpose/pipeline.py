@@ -16,7 +16,8 @@ import numpy as np
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, write_calibration
 from anchorpose.calibration.first_frames import noise_per_m, what_stays
-from anchorpose.calibration.markers import place_by_markers, read_marker_layout
+from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.calibration.markers import place_by_markers
 from anchorpose.motion.prediction import load_motions
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
@@ -29,7 +30,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import learn_on, plan_route, track_on
-from anchorpose.tracker.preparation import prepare_room, settle
+from anchorpose.tracker.preparation import agreeing, prepare_room, scenes_of, settle
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import NoStart
@@ -136,7 +137,8 @@ def calibrate_recording(
 
     ignore_given: whether to ignore the camera poses that the recording gives, and to find these poses too. markers: a
     markers.json; cameras with an image of the markers are placed by the markers, and the poses of the other cameras are
-    found in the same world. Raises InputError if the recording cannot be used or a pose is not accepted.
+    found in the same world. Contradictions between a pose and what the cameras see are noted, or refused, as by
+    ``track_recording``. Raises InputError if the recording cannot be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)
@@ -146,7 +148,7 @@ def calibrate_recording(
         if markers is not None:
             opened, by_marker = place_by_markers(opened, read_marker_layout(markers))
         settled = settle(opened, config)
-        found, samples = settled.calibration, settled.samples
+        found, samples = agreeing(settled, scenes_of(settled)).calibration, settled.samples
         records = tuple(by_marker.get(pose.camera, pose) for pose in found.poses)
         calibration = replace(found, poses=records, notes=(*opened.notes, *found.notes))
         write_calibration(folder, opened.folder.resolve().name, calibration)

@@ -9,14 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.captured import read_captured
 from anchorpose.agreement.knee_sign import with_knee_sign
-from anchorpose.agreement.reference import (
-    functional_centre,
-    harrington_hip,
-    known_marking,
-    other_side,
-    pelvis_frame,
-    read_reference,
-)
+from anchorpose.agreement.marking import known_marking
+from anchorpose.agreement.reference import functional_centre, harrington_hip, other_side, pelvis_frame, read_reference
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import HipCentre
@@ -57,6 +51,37 @@ def test_labels_in_common_use_are_understood():
         "hip_flexion_left",
         "Head",
     ]
+
+
+@pytest.mark.parametrize(
+    ("lateral", "medial"),
+    [("R.Knee", "R.Knee.Medial"), ("R_KNEE", "R_KNEE_MED"), ("Right Knee", "Right Knee Medial"), ("R.Knee", "RKNM")],
+)
+def test_a_marker_with_the_joints_name_is_lateral_beside_a_medial_one(lateral, medial):
+    """The names of Cortex: the medial marker was ignored, and knees were 30 mm off."""
+    marking = known_marking((lateral, medial, "R.Thigh"))
+    assert marking.midpoints == {"KneeRight": (lateral, medial)}
+    assert marking.centres == {}
+    assert marking.thighs["Right"] == ("R.Thigh", lateral, medial)
+    for joint in ("Ankle", "Elbow", "Wrist"):
+        pair = (f"L.{joint}", f"L.{joint}.Medial")
+        assert known_marking(pair).midpoints == {f"{joint}Left": pair}
+
+
+def test_a_joints_name_alone_is_taken_as_its_centre_with_a_note(tmp_path: Path):
+    points = {"L.Knee": 0.5, "R Knee JC": 0.5, "KneeRight": 0.5, "L.Ankle.Medial": 0.1}
+    marking = known_marking(tuple(points))
+    assert marking.centres == {"KneeLeft": "L.Knee", "KneeRight": "KneeRight"}
+    assert marking.assumed == {"KneeLeft"}
+    (tmp_path / "a.trc").write_text(
+        "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n15\t15\t2\t2\tm\n"
+        "Frame#\tTime\tL.Knee\t\t\tR.Knee.JC\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
+        "1\t0.0\t0.1\t0.5\t0\t0.3\t0.5\t0\n2\t0.1\t0.1\t0.5\t0\t0.3\t0.5\t0\n"
+    )
+    assert read_reference(tmp_path / "a.trc").notes == (
+        "KneeLeft: L.Knee, taken as the joint's centre",
+        "KneeRight: R.Knee.JC, as given",
+    )
 
 
 def test_a_c3d_written_by_ezc3d_is_read_with_its_gaps_units_and_angles(tmp_path: Path):

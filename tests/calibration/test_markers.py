@@ -11,16 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration import markers
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.markers import (
-    Board,
-    MarkerLayout,
-    MarkerPose,
-    NoMarkers,
-    Tag,
-    place_by_markers,
-    pose_from_markers,
-    read_marker_layout,
-)
+from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
+from anchorpose.calibration.markers import MarkerPose, NoMarkers, place_by_markers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.recording import UNKNOWN, Recording
@@ -131,20 +123,34 @@ def test_the_stated_sigma_is_that_of_the_errors():
     assert max(scaled) < 4.5
 
 
-def test_a_board_gives_the_pose_too():
+def board_of(scale: float) -> tuple[MarkerLayout, np.ndarray, Tag]:
+    """A board of 0.6 x 0.75 m, its picture when it was printed at a scale, and a tag that covers its middle."""
     pose = tag(0, (0.2, 1.1, 0.35)).T_world_tag
     pose[:3, :3] @= np.diag([1.0, -1.0, -1.0]) @ Rotation.from_euler("xyz", (15, -20, 0), degrees=True).as_matrix()
-    board = Board(4, 5, 0.15, 0.12, pose)
     known = cv2.aruco.CharucoBoard((4, 5), 0.15, 0.12, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     texture = known.generateImage((1200, 1500))
-    corners = np.array([[0, 0, 0], [0.6, 0, 0], [0.6, 0.75, 0], [0, 0.75, 0]])
+    corners = scale * np.array([[0, 0, 0], [0.6, 0, 0], [0.6, 0.75, 0], [0, 0.75, 0]])
     image = np.full((CAMERA.height * FINE, CAMERA.width * FINE), 120, np.uint8)
     drawn_on(image, CAMERA, texture, transform_points(pose, corners))
-    found = pose_from_markers(
-        finished(image, 1),
-        CAMERA,
-        MarkerLayout(format="marker-layout", version=1, dictionary="DICT_4X4_50", board=board),
-    )
+    board = Board(4, 5, 0.15, 0.12, pose)
+    middle = pose.copy()
+    middle[:3, 3] = transform_points(pose, corners.mean(axis=0, keepdims=True))[0]
+    stated = MarkerLayout(format="marker-layout", version=1, dictionary="DICT_4X4_50", board=board)
+    return stated, finished(image, 1), Tag(0, 0.5, middle)
+
+
+@pytest.mark.parametrize("scale", [0.94, 0.97, 1.03])
+def test_a_print_at_another_scale_is_refused_where_the_depth_shows_it(scale):
+    """The corners fit a nearer camera."""
+    stated, image, cover = board_of(scale)
+    assert pose_from_markers(image, CAMERA, stated, depth_of(CAMERA, (cover,))) is NoMarkers.INCONSISTENT
+    right, image, cover = board_of(1.0)
+    assert isinstance(pose_from_markers(image, CAMERA, right, depth_of(CAMERA, (cover,))), MarkerPose)
+
+
+def test_a_board_gives_the_pose_too():
+    stated, image, _ = board_of(1.0)
+    found = pose_from_markers(image, CAMERA, stated)
     assert isinstance(found, MarkerPose)
     off_m, off_rad = errors(found, CAMERA)
     assert off_m < 3.5 * found.sigma_m  # one flat board of 0.6 m at 2.3 m is a matter of centimetres, and says so

@@ -98,3 +98,25 @@ def test_a_clinic_is_calibrated_from_the_command_line(tmp_path, capsys):
             assert np.abs(poses[str(name)] - true).max() < 0.01
     assert "look at its pictures" in capsys.readouterr().out
     assert main(["calibrate", str(tmp_path / "s/recording"), "-o", str(tmp_path / "out")]) == 2
+
+
+@pytest.mark.slow
+def test_a_given_pose_that_the_floor_contradicts_is_noted_or_refused_as_by_track(tmp_path, refusal):
+    """A pose tilted by 25 degrees was written without a word."""
+    simulate_recording(tmp_path / "s", SimulationConfig(seed=33, seconds=1.0, fps=8.0, equipment="none"))
+    recording = tmp_path / "s/recording"
+    true = np.array(json.loads((recording / "recording.json").read_text())["cameras"][0]["camera_to_world"])
+
+    def tilted(degrees: float) -> None:
+        T = true.copy()
+        T[:3, :3] = cv2.Rodrigues(np.radians([0.0, 0.0, degrees]))[0] @ T[:3, :3]
+        edit_json(recording / "recording.json", lambda d: d["cameras"][0].update(camera_to_world=T.tolist()))
+
+    tilted(25.0)
+    command = ["calibrate", str(recording), "-o", str(tmp_path / "out")]
+    assert "the floor that camera front sees is tilted by 2" in refusal(command)
+    assert not (tmp_path / "out").exists()
+    tilted(3.0)
+    assert main(command) == 0
+    notes = json.loads((tmp_path / "out/calibration.json").read_text())["notes"]
+    assert any("is tilted by 3" in note and "the given pose is used" in note for note in notes)

@@ -20,7 +20,7 @@ from anchorpose.results.run_record import RUN_FILE, hash_files
 from anchorpose.results.tables import read_joints
 from anchorpose.results.trial_table import read_trial_table
 from anchorpose.results.verify import Fits, read_log, verify
-from anchorpose.sync.recorded_onsets import first_frame_s
+from anchorpose.sync.recorded_pulses import first_frame_s
 from anchorpose.track_inputs import UserInputs, read_inputs
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.writing import _recorded

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from fuzz import recording_outcome
 from spoil_recording import spoil
 
-from anchorpose.calibration.markers import read_marker_layout
+from anchorpose.calibration.marker_layout import read_marker_layout
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_image
 from anchorpose.recording.document import load_config

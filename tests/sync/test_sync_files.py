@@ -124,11 +124,14 @@ def test_annotations_of_edf_are_markers(tmp_path):
     assert found.take(("emg",))[1][:, 0] == pytest.approx(values[:, 0], abs=1e-3)
 
 
-def test_pulses_may_be_a_stream_of_markers(results, tmp_path):
+@pytest.mark.parametrize("of_numbers", [False, True])
+def test_pulses_may_be_a_stream_of_markers_as_texts_or_numbers(results, of_numbers, tmp_path):
     pytest.importorskip("pyxdf")
     at_s = np.sort(np.random.default_rng(1).uniform(2.0, 55.0, 12))
-    markers = {"Task": [(float(each) + 5000.0, "x") for each in at_s]}
-    other = write_xdf(tmp_path / "a.xdf", {"EMG": emg(5000.0)}, markers)
+    codes = (at_s + 5000.0, ("code",), np.random.default_rng(2).integers(1, 5, (12, 1)).astype(float), 0.0)
+    markers = {} if of_numbers else {"Task": [(float(each) + 5000.0, "x") for each in at_s]}
+    streams = {"EMG": emg(5000.0), **({"Task": codes} if of_numbers else {})}
+    other = write_xdf(tmp_path / "a.xdf", streams, markers)
     events = [f"{each:.4f}\t0.1\tx" for each in at_s]
     (tmp_path / "events.tsv").write_text("\n".join(["onset\tduration\ttrial_type", *events]) + "\n")
     options = ("--pulses", "Task", "--pulse-times", str(tmp_path / "events.tsv"))
@@ -136,10 +139,25 @@ def test_pulses_may_be_a_stream_of_markers(results, tmp_path):
     clock = json.loads((tmp_path / "out/clock.json").read_text())
     assert clock["offset_s"] == pytest.approx(5000.0 - FIRST_S, abs=0.005)
     signals = pq.read_table(tmp_path / "out/signals.parquet")
-    assert signals.column_names[3:] == ["rectus", "rectus_rms", "biceps", "biceps_rms"]
+    assert signals.column_names[3:7] == ["rectus", "rectus_rms", "biceps", "biceps_rms"]
+    assert signals.column_names[7:] == (["code"] if of_numbers else [])
     at_s = signals["other_time_s"].to_numpy()
     inside = (at_s > 5000.1) & (at_s < 5059.9)
     np.testing.assert_allclose(signals["rectus"].to_numpy()[inside], np.sin(at_s[inside]), atol=0.01)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_channel_without_values_stays_empty(results, tmp_path):
+    time_s = np.arange(0.0, 50.0, 0.01)
+    rows = [f"{each:.2f},{each % 7.0 < 0.1:d},1.0," for each in time_s]
+    (tmp_path / "a.csv").write_text("\n".join(["time_s,p,q,none", *rows]) + "\n")
+    events = [f"{each:.4f}\t0.1\tx" for each in np.arange(0.0, 50.0, 7.0)]
+    (tmp_path / "events.tsv").write_text("\n".join(["onset\tduration\ttrial_type", *events]) + "\n")
+    options = ("--pulses", "p", "--pulse-times", str(tmp_path / "events.tsv"), "--near", str(-FIRST_S))
+    assert main(["sync", str(results), str(tmp_path / "a.csv"), "-o", str(tmp_path / "out"), *options]) == 0
+    signals = pq.read_table(tmp_path / "out/signals.parquet")
+    assert signals["none"].null_count == signals["none_rms"].null_count == len(signals)
+    assert set(signals["q"].to_numpy()[10:400]) == {1.0}
 
 
 def test_stamps_give_the_clock(results, tmp_path):

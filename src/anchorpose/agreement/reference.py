@@ -20,133 +20,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.agreement.captured import Captured, read_captured
+from anchorpose.agreement.marking import SIDES, Marking, given_marking, known_marking
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES
 from anchorpose.options import HipCentre
-from anchorpose.recording.document import read_rows
 from anchorpose.results.joint_angles import ANGLE_NAMES
 from anchorpose.rotations import unit
-
-SIDES: Final = {"L": "Left", "R": "Right"}
-
-_CENTRES: Final = {
-    "Hip": ("{s}HJC", "{s}FEP"),
-    "Knee": ("{s}KJC", "{s}FEO"),
-    "Ankle": ("{s}AJC", "{s}TIO"),
-    "Shoulder": ("{s}SJC", "{s}CLO"),
-    "Elbow": ("{s}EJC", "{s}HUO"),
-    "Wrist": ("{s}WJC", "{s}RAO"),
-}
-"""By joint, labels that its centre has in Plug-in Gait, Conventional Gait Model 2 or Visual3D; ``{s}`` is L or R."""
-
-_PAIRS: Final = {
-    "Knee": (
-        ("{s}KNE", "{s}LFE", "{s}FLE", "{s}LKNE", "{s}LFC", "{s}KNEELAT"),
-        ("{s}KNM", "{s}MFE", "{s}FME", "{s}MKNE", "{s}MFC", "{s}KNEEMED"),
-    ),
-    "Ankle": (
-        ("{s}ANK", "{s}LM", "{s}FAL", "{s}LANK", "{s}LMAL", "{s}ANKLELAT"),
-        ("{s}MED", "{s}MM", "{s}TAM", "{s}MANK", "{s}MMAL", "{s}ANM", "{s}ANKLEMED"),
-    ),
-    "Elbow": (("{s}ELB", "{s}HLE", "{s}LELB", "{s}ELBOWLAT"), ("{s}ELM", "{s}HME", "{s}MELB", "{s}ELBOWMED")),
-    "Wrist": (("{s}WRA", "{s}RSP", "{s}WRISTRAD"), ("{s}WRB", "{s}USP", "{s}WRISTULN")),
-}
-"""By joint, labels of its lateral and of its medial marker; the joint's centre is taken midway between the two."""
-
-_PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
-
-_THIGH: Final = re.compile(r"^([LR])(THI|THAP|THAD|TH|THIGH)\d*$")  # labels of markers on the thigh
-
-_SPELT: Final = re.compile(r"^(L|R|LEFT|RIGHT)(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRIST)(JC|JOINT)?(CENTER|CENTRE)?$")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Marking:
-    """The joint or bone that each label of a file stands for.
-
-    centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
-    of the markers on the left ASIS, right ASIS, left PSIS and right PSIS (front and back spines of the pelvis); None if
-    one of the four is missing. thighs: labels of the markers on the ``Left`` and the ``Right`` thigh.
-    """
-
-    centres: dict[str, str]
-    midpoints: dict[str, tuple[str, ...]]
-    pelvis: tuple[str, str, str, str] | None
-    thighs: dict[str, tuple[str, ...]]
-
-    @property
-    def empty(self) -> bool:
-        """Return whether these labels determine no joint."""
-        return not self.centres and not self.midpoints and self.pelvis is None
-
-
-def known_marking(labels: tuple[str, ...]) -> Marking:
-    """Return the meaning of labels that are in common use; other labels are ignored. Case, dots, dashes and underscores
-    make no difference.
-    """
-    own = {re.sub(r"[^A-Z0-9]", "", label.upper()): label for label in reversed(labels)}
-    centres = {name: own[name.upper()] for name in JOINT_NAMES if name.upper() in own}
-    midpoints = dict[str, tuple[str, ...]]()
-    for plain, label in own.items():
-        spelt = _SPELT.match(plain)
-        if spelt is not None:
-            centres.setdefault(f"{spelt[2].capitalize()}{SIDES[spelt[1][0]]}", label)
-    for side, name in SIDES.items():
-        for joint, patterns in _CENTRES.items():
-            centre = _first(own, patterns, side)
-            if centre is not None:
-                centres.setdefault(f"{joint}{name}", centre)
-        for joint, (lateral, medial) in _PAIRS.items():
-            pair = (_first(own, lateral, side), _first(own, medial, side))
-            if f"{joint}{name}" not in centres and pair[0] is not None and pair[1] is not None:
-                midpoints[f"{joint}{name}"] = (pair[0], pair[1])
-    pelvis = [_first(own, _PELVIS[bone], side) for bone in ("ASIS", "PSIS") for side in SIDES]
-    whole = all(label is not None for label in pelvis)
-    return Marking(
-        centres=centres,
-        midpoints=midpoints,
-        pelvis=tuple(pelvis) if whole else None,  # type: ignore[arg-type]  # four strings if all are known
-        thighs={name: _thigh(own, midpoints, side, name) for side, name in SIDES.items()},
-    )
-
-
-def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
-    """Read the user's table: rows ``joint,label``; if a joint has several rows, its centre is the mean of their labels.
-
-    In place of a joint, a row may name ASISLeft, ASISRight, PSISLeft, PSISRight, ThighLeft or ThighRight. Raises
-    InputError for an unknown joint or label.
-    """
-    remedy = "give rows joint,label with the name of a joint in the results and a label of the reference"
-    rows = [row for _, row in read_rows(path)]
-    if not rows or [cell.lower() for cell in rows[0]] != ["joint", "label"]:
-        raise InputError(path, "does not begin with the line joint,label", remedy)
-    found = dict[str, list[str]]()
-    bones = [f"{bone}{side}" for bone in ("ASIS", "PSIS", "Thigh") for side in SIDES.values()]
-    for row in rows[1:]:
-        joint, label = [*row, "", ""][:2]
-        if joint not in JOINT_NAMES and joint not in bones:
-            raise InputError(path, f"names the unknown joint '{joint}'", f"use {', '.join((*JOINT_NAMES, *bones))}")
-        if label not in labels:
-            raise InputError(path, f"names '{label}', which the reference does not have", remedy)
-        found.setdefault(joint, []).append(label)
-    pelvis = tuple(found[bone][0] for bone in bones[:4] if bone in found)
-    return Marking(
-        centres={name: each[0] for name, each in found.items() if name in JOINT_NAMES and len(each) == 1},
-        midpoints={name: tuple(each) for name, each in found.items() if name in JOINT_NAMES and len(each) > 1},
-        pelvis=pelvis if len(pelvis) == 4 else None,
-        thighs={side: tuple(found.get(f"Thigh{side}", ())) for side in SIDES.values()},
-    )
-
-
-def _first(own: dict[str, str], patterns: tuple[str, ...], side: str) -> str | None:
-    return next((own[pattern.format(s=side)] for pattern in patterns if pattern.format(s=side) in own), None)
-
-
-def _thigh(own: dict[str, str], midpoints: dict[str, tuple[str, ...]], side: str, name: str) -> tuple[str, ...]:
-    """Return the markers that move with the thigh: thigh markers, and both knee markers."""
-    cluster = [label for plain, label in own.items() if (match := _THIGH.match(plain)) and match[1] == side]
-    return (*sorted(cluster), *midpoints.get(f"Knee{name}", ()))
-
 
 LEAST_SWING: Final = 0.02
 """Minimum ratio of the smallest to the largest singular value in ``functional_centre``. With a smaller ratio, the thigh
@@ -188,7 +67,8 @@ def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> Centr
             position[:, JOINT_INDEX[joint]], origin[JOINT_INDEX[joint]] = place_m, how
 
     for joint, label in marking.centres.items():
-        put(joint, captured.point(label), f"{label}, as given")
+        how = "taken as the joint's centre" if joint in marking.assumed else "as given"
+        put(joint, captured.point(label), f"{label}, {how}")
     for joint, labels in marking.midpoints.items():
         put(joint, np.mean([captured.point(label) for label in labels], axis=0), f"middle of {' and '.join(labels)}")
     pelvis = [] if marking.pelvis is None else [captured.point(label) for label in marking.pelvis]

@@ -1,24 +1,19 @@
-"""Compare the people that two cameras see at the same moments. The result is the pose between the cameras, or how far
-apart both cameras show the same surface.
+"""Compare the people that two cameras see at the same moments, to find the pose between the cameras.
 
 The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
 1992, doi:10.1016/0262-8856(92)90066-C).
-
-To find how far apart two cameras show the same surfaces, room and people are used together: floor and walls determine
-tilt and height, people determine the shift along floor and walls. Room and people each have half of the weight, so that
-a large room does not decide alone: a wrong focal length displaces the far ends of the room, but not the people.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 
-from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane, level_of_pose
+from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.rotations import rigid
 
@@ -235,19 +230,51 @@ def _pairs(
     moment (n,) of each pair.
     """
     found = []
-    for moment, seen in enumerate(source.seen):
-        points = transform_points(T_target_source, seen.points_m[seen.person])
-        normals = seen.normals[seen.person] @ T_target_source[:3, :3].T
-        column, row, inside = target.camera.pixel_of(points)
-        inside &= (column > 2) & (row > 2) & (column < target.camera.width - 3) & (row < target.camera.height - 3)
-        points, normals, row, column = points[inside], normals[inside], row[inside], column[inside]
-        there, plane, good = points_with_normals(target.camera, target.smooth_m[moment], row, column, GATES)
-        good &= np.einsum("ij,ij->i", plane, normals) > SAME_WAY
-        good &= np.abs(np.einsum("ij,ij->i", plane, points - there)) < gate_m
-        good &= np.linalg.norm(points - there, axis=1) < 2.0 * gate_m
-        found.append((points[good], there[good], plane[good], np.full(int(good.sum()), moment)))
+    for moment in range(len(source.seen)):
+        both = shown_by_both(target, source, T_target_source, moment)
+        good = both.is_one_surface(gate_m)
+        found.append((both.points_m[good], both.there_m[good], both.plane[good], np.full(int(good.sum()), moment)))
     points, there, normals, moments = (np.concatenate(part) for part in zip(*found, strict=True))
     return points, there, normals, moments
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownByBoth:
+    """Points of the source that the target shows a surface at, in the target frame. points_m, normals: the source's
+    points and normals (n, 3); there_m, plane: the target's points at the same pixels and their normals (n, 3).
+    """
+
+    points_m: np.ndarray
+    normals: np.ndarray
+    there_m: np.ndarray
+    plane: np.ndarray
+
+    def away_m(self) -> np.ndarray:
+        """Return the distance (n,) of each point from the plane of the target's point."""
+        return np.asarray(np.abs(np.einsum("ij,ij->i", self.plane, self.points_m - self.there_m)))
+
+    def is_one_surface(self, gate_m: float) -> np.ndarray:
+        """Return (n,) bool: whether both points lie on one surface, at most ``gate_m`` apart."""
+        same_way = np.einsum("ij,ij->i", self.plane, self.normals) > SAME_WAY
+        near = np.linalg.norm(self.points_m - self.there_m, axis=1) < 2.0 * gate_m
+        return np.asarray(same_way & near & (self.away_m() < gate_m))
+
+    def is_comparable(self, gate_m: float) -> np.ndarray:
+        """Return (n,) bool: whether the target should show the point: it faces the target, and nothing hides it."""
+        facing = np.einsum("ij,ij->i", self.normals, -self.points_m)
+        faces = facing > GATES.least_facing * np.linalg.norm(self.points_m, axis=1)
+        return np.asarray(faces & (self.there_m[:, 2] > self.points_m[:, 2] - gate_m))
+
+
+def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndarray, moment: int) -> ShownByBoth:
+    """Return the source's points in the frame with this index at whose pixels the target shows a surface, too."""
+    seen = source.seen[moment]
+    points = transform_points(T_target_source, seen.points_m[seen.person])
+    normals = seen.normals[seen.person] @ T_target_source[:3, :3].T
+    column, row, inside = target.camera.pixel_of(points)
+    inside &= (column > 2) & (row > 2) & (column < target.camera.width - 3) & (row < target.camera.height - 3)
+    there, plane, good = points_with_normals(target.camera, target.smooth_m[moment], row[inside], column[inside], GATES)
+    return ShownByBoth(points[inside][good], normals[inside][good], there[good], plane[good])
 
 
 def paired_rows(
@@ -272,109 +299,3 @@ def paired_rows(
 def moved_by(T: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Return T followed by the rotation step[:3] about the origin and the shift step[3:]."""
     return np.asarray(rigid(cv2.Rodrigues(step[:3])[0], step[3:]) @ T)
-
-
-# m, maximum distance of paired points in each iteration; with wrong intrinsics, paired points stay 5 cm apart
-DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
-ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
-LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
-# surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
-LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of pose; they damp undetermined directions
-# m, maximum distance of paired points that count when the misfits of the fitted and of the given pose are computed;
-# points farther apart are on different surfaces
-COMPARED_M: Final = 0.15
-# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
-# only slides surfaces along themselves does not change the misfit
-BETTER: Final = 0.8
-# m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
-# wrong by 2 % leave 15 to 25 mm
-TIGHT_M: Final = 0.010
-
-
-@dataclass(frozen=True, slots=True)
-class Displacement:
-    """How far two cameras' poses displace common surfaces. off_m: distance by which the fitted pose moves the people
-    or, without people, the room. If the fitted pose is not better than the given poses, off_m is the median distance
-    between the two cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if
-    the surfaces do not fit closely enough.
-    """
-
-    off_m: float
-    turn_rad: float | None
-
-
-def common_surfaces(
-    camera: Camera, room_m: np.ndarray, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray]
-) -> LevelView:
-    """Prepare the view of a camera with a pose: the room as the first moment, then the people of each frame.
-
-    room_m, depths_m: (height, width) float32, 0 = no reading; background_m: depth image of the empty room, None without
-    such an image.
-    """
-    level = level_of_pose(camera.require_pose())
-    room = level_view(camera, level, np.full_like(room_m, np.inf), [room_m], ROOM_PX)
-    people = level_view(camera, level, room_m if background_m is None else background_m, depths_m, PEOPLE_PX)
-    return replace(
-        room,
-        depths_m=(*room.depths_m, *people.depths_m),
-        smooth_m=(*room.smooth_m, *people.smooth_m),
-        people=(*room.people, *people.people),
-        seen=(*room.seen, *people.seen),
-    )
-
-
-def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
-    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine it.
-
-    first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
-    degrees of freedom, with Huber's weights.
-    """
-    given = T = invert_rigid(first.camera.require_pose()) @ second.camera.require_pose()
-    for gate in DISPLACEMENT_GATES_M:
-        jacobian, residual, moment = paired_rows(first, second, T, gate)
-        if len(residual) < LEAST_SURFACE_PAIRS:
-            return None
-        weight, spread = huber_weights(residual)
-        weight = _halved(weight, moment > 0)
-        information = (jacobian * weight[:, None]).T @ jacobian
-        damping = np.repeat([(10.0 * spread / STEP_RAD) ** 2, (10.0 * spread / STEP_M) ** 2], 3)
-        T = moved_by(T, -np.linalg.solve(information + np.diag(damping), jacobian.T @ (weight * residual)))
-    seen = [each.points_m[each.person] for each in second.seen]
-    people = np.concatenate(seen[1:]) if any(len(each) for each in seen[1:]) else seen[0]
-    place = people.mean(axis=0, keepdims=True)
-    there = transform_points(T, place)
-    if _support(jacobian, weight, there[0]) < LEAST_SUPPORT:
-        return None
-    misfit_m = _misfit_m(first, second, given)
-    if _misfit_m(first, second, T) > BETTER * misfit_m:
-        return Displacement(misfit_m, None)
-    off_m = float(np.linalg.norm(there - transform_points(given, place)))
-    turn = float(np.arccos(np.clip((np.trace((T @ invert_rigid(given))[:3, :3]) - 1.0) / 2.0, -1.0, 1.0)))
-    return Displacement(off_m, turn if spread <= TIGHT_M else None)
-
-
-def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance between the two cameras' surfaces; distances above ``COMPARED_M`` are left out."""
-    _, residual, _ = paired_rows(first, second, T_first_second, COMPARED_M)
-    return float(np.median(np.abs(residual))) if len(residual) else 0.0
-
-
-def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
-    """Scale the weights (n,) to the same sum for room and people, if both have some."""
-    shares = [weight[which].sum() for which in (of_people, ~of_people)]
-    if min(shares) <= 0.0:
-        return weight
-    return np.asarray(weight * np.where(of_people, 1.0 / shares[0], 1.0 / shares[1]) * len(weight) / 2.0)
-
-
-def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return how well the data determine a shift at ``place_m``, with the rotation free. The result is the share (0 to
-    1) of the weight that resists a shift in the least determined direction.
-    """
-    about_place = jacobian.copy()
-    about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])
-    mean = (about_place * weight[:, None]).T @ about_place / weight.sum()
-    turn, both = mean[:3, :3] + 1e-9 * np.eye(3), mean[:3, 3:]
-    return float(np.linalg.eigvalsh(mean[3:, 3:] - both.T @ np.linalg.solve(turn, both))[0])

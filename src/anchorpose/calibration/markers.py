@@ -1,6 +1,6 @@
 """Find a camera's pose from printed markers in its infrared or colour image, an alternative to calibration by depth.
 
-The poses of the markers in the world (Gamma_0) are read from markers.json (format ``marker-layout``).
+``marker_layout`` states the poses of the markers in the world (Gamma_0).
 """
 
 from __future__ import annotations
@@ -8,94 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Final
 
 import cv2
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration.calibration import PoseFigure, PoseRecord, PoseSource
+from anchorpose.calibration.marker_layout import Board, MarkerLayout
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
-from anchorpose.recording.document import Entry, Pose, Version, Whole, read_document
 from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import read_image
 from anchorpose.rotations import rigid
-from anchorpose.settings import STRICT, Unfit, nearest_key, shown
-
-SMALLEST_M: Final = 1e-3
-LARGEST_M: Final = 5.0  # m, maximum side length of a printed marker; a larger value was probably written in millimetres
-
-Squares = Annotated[Whole, Field(gt=1, le=100, description="the number of squares in a row or a column")]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tag:
-    """A square tag: the side length of its black square, and its pose: x to the right, y up and z out of the sheet,
-    towards the reader.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    number: Annotated[Whole, Field(alias="id", ge=0, le=100_000, description="the tag's number in its dictionary")]
-    size_m: Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="the side of the black square in metres")]
-    T_world_tag: Annotated[Pose, Field(alias="pose")]  # (4, 4)
-
-    def corners_m(self) -> np.ndarray:
-        """Return the corners (4, 3), world, from the upper left clockwise, as detectors report them."""
-        square = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * self.size_m / 2.0
-        return np.asarray(square @ self.T_world_tag[:3, :3].T + self.T_world_tag[:3, 3])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Board:
-    """A ChArUco board. Its pose has the origin at the upper left corner, x along the rows, y down the columns and z
-    into the board.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    squares_x: Squares
-    squares_y: Squares
-    square_m: Annotated[float, Field(ge=SMALLEST_M, le=LARGEST_M, description="the side of a chess square in metres")]
-    marker_m: Annotated[float, Field(ge=SMALLEST_M, description="the side of a marker in a square, in metres")]
-    T_world_board: Annotated[Pose, Field(alias="pose")]  # (4, 4)
-
-    def __post_init__(self) -> None:
-        if self.marker_m > self.square_m:
-            raise Unfit(f"is {self.marker_m:g}", f"it must be at most square_m, {self.square_m:g}", "marker_m")
-
-
-def _require_dictionary(name: str) -> str:
-    known = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
-    if name not in known:
-        raise Unfit(f"is {shown(name)}", f"did you mean {nearest_key(name, known) or 'DICT_APRILTAG_36h11'}")
-    return name
-
-
-class MarkerLayout(Entry):
-    """The content of markers.json: single tags or one board; dictionary: OpenCV's name, such as DICT_APRILTAG_36h11."""
-
-    format: Literal["marker-layout"]
-    version: Version
-    dictionary: Annotated[str, AfterValidator(_require_dictionary)]
-    tags: tuple[Tag, ...] | None = None
-    board: Board | None = None
-
-    @model_validator(mode="after")
-    def _require_one_kind(self) -> MarkerLayout:
-        if (self.tags is None) == (self.board is None):
-            problem = "and board are both given or both missing"
-            raise Unfit(problem, "describe either single tags or one board", "tags")
-        if self.tags is not None and not 0 < len(self.tags) == len({tag.number for tag in self.tags}):
-            raise Unfit("is empty or names an id twice", "list every tag once; no two may have the same id", "tags")
-        return self
-
-
-def read_marker_layout(path: Path) -> MarkerLayout:
-    """Read and check a markers.json; raises InputError naming the file, the key and the remedy."""
-    return read_document(path, MarkerLayout)
-
 
 # pixels, minimum side length of a tag; smaller tags have bits two pixels wide, and corners less accurate than assumed
 LEAST_SIDE_PX: Final = 14.0
@@ -109,7 +35,7 @@ class NoMarkers(StrEnum):
     NONE_SEEN = "none of the markers of the layout is seen whole"
     TOO_SMALL = "the markers seen are too small in the image"
     AMBIGUOUS = "the flat markers allow two poses that explain the image equally well"
-    INCONSISTENT = "the markers seen do not fit the layout: one was moved, or the layout is wrong"
+    INCONSISTENT = "the markers seen do not fit the layout: one was moved, or the layout or a printed size is wrong"
     TOO_UNCERTAIN = "the markers seen do not give the pose accurately enough"
 
 
@@ -239,7 +165,9 @@ DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white p
 WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-FLIPPED_CHI2: Final = 16.0  # minimum lead in chi2 over the second, mirrored pose of a flat layout: four sigmas
+# four sigmas: minimum lead in chi2 over the second, mirrored pose of a flat layout, and maximum chi2 between the depth
+# readings on a marker and the distance that the corners give
+CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
 WORST_SIGMA_RAD: Final = 0.01
@@ -374,18 +302,49 @@ def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.n
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]
-    for marker in np.unique(seen.plane):
-        corners = points[seen.marker == marker]
+    for off_m in _depth_off_m(points, seen).values():
+        # errors of readings on one marker are correlated (ink, calibration of the sensor), so all of these readings
+        # together count as at most eight readings
+        rows.append(off_m / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(len(off_m), 1))))
+    return np.concatenate(rows)
+
+
+def _depth_off_m(points_m: np.ndarray, seen: SeenMarkers) -> dict[int, np.ndarray]:
+    """Return, for each marker with depth readings, how much farther its readings lie than its plane, in m. points_m
+    (n, 3): the markers' corners in the camera frame.
+    """
+    found = {}
+    for marker in np.unique(seen.plane).tolist():
+        corners = points_m[seen.marker == marker]
         place = corners.mean(axis=0)
         normal = np.linalg.svd(corners - place)[2][2]
         on = seen.plane == marker
-        rays = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1)
-        slope = rays @ normal
-        predicted = (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
-        # errors of readings on one marker are correlated (ink, calibration of the sensor), so all of these readings
-        # together count as at most eight readings
-        rows.append((seen.depth_m[on] - predicted) / DEPTH_SIGMA_M * np.sqrt(min(1.0, 8.0 / max(on.sum(), 1))))
-    return np.concatenate(rows)
+        slope = np.concatenate([seen.rays[on], np.ones((int(on.sum()), 1))], axis=1) @ normal
+        found[marker] = seen.depth_m[on] - (normal @ place) / np.where(np.abs(slope) > 1e-3, slope, np.inf)
+    return found
+
+
+def _depth_contradicts(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> bool:
+    """Return whether depth readings contradict the distance of a marker that the corners alone give, near a pose. A
+    print at another scale causes this: its corners fit a nearer or farther camera just as well.
+    """
+    corners = replace(seen, rays=seen.rays[:0], depth_m=seen.depth_m[:0], plane=seen.plane[:0])
+    _, alone = _refined(T_camera_world, corners, camera)
+    covariance = np.linalg.pinv(_information(alone, corners, camera))
+    points = transform_points(alone, seen.world_m)
+    for marker, off_m in _depth_off_m(points, seen).items():
+        x, y, _ = points[seen.marker == marker].mean(axis=0)
+        by_pose = np.array([y, -x, 0.0, 0.0, 0.0, 1.0])  # derivative of the marker's depth by a step of ``_moved``
+        variance = DEPTH_SIGMA_M**2 + by_pose @ covariance @ by_pose  # readings on one marker share an error
+        if np.median(off_m) ** 2 > CONTRADICTION_CHI2 * variance:
+            return True
+    return False
+
+
+def _information(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
+    """Return the information matrix (6, 6) of a step of ``_moved``."""
+    jacobian = least_squares(lambda x: _rows(_moved(T_camera_world, x), seen, camera), np.zeros(6), max_nfev=1).jac
+    return np.asarray(jacobian.T @ jacobian)
 
 
 def _worst_corner_px(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> float:
@@ -399,16 +358,17 @@ def _judged(
     chi2, T_camera_world = poses[0]
     rows = _rows(T_camera_world, seen, camera)
     scale = max(1.0, chi2 / max(len(rows) - 6, 1))  # factor on the assumed variances of corners and depths
-    if len(poses) > 1 and (poses[1][0] - chi2) / scale < FLIPPED_CHI2:
+    if len(poses) > 1 and (poses[1][0] - chi2) / scale < CONTRADICTION_CHI2:
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel
     rms = float(np.sqrt(np.mean((off**2).sum(axis=1))))
     if not rms <= WORST_RMS_PX:  # NaN: a corner beyond the lens's valid radius
         return NoMarkers.INCONSISTENT
-    jacobian = least_squares(lambda x: _rows(_moved(T_camera_world, x), seen, camera), np.zeros(6), max_nfev=1).jac
-    information = jacobian.T @ jacobian
+    information = _information(T_camera_world, seen, camera)
     if np.linalg.cond(information) > 1e14:
         return NoMarkers.TOO_UNCERTAIN
+    if _depth_contradicts(T_camera_world, seen, camera):
+        return NoMarkers.INCONSISTENT
     covariance = scale * np.linalg.inv(information)
     sigma_rad = float(np.sqrt(np.trace(covariance[:3, :3]) / 3.0))
     sigma_m = float(np.sqrt(np.trace(covariance[3:, 3:]) / 3.0))  # root mean square of the three axes' sigmas

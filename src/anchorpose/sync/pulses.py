@@ -1,7 +1,13 @@
-"""Find another device's clock from pulses that both devices recorded, by matching the pulses' onsets."""
+"""Find another device's clock from pulses that both devices recorded, by matching the pulses' starts and ends.
+
+A signal does not state whether its pulses begin at rising or at falling edges, so both readings are tried. The share of
+time at each level does not decide: stimulators are on more than half of the time, and triggers hardly ever.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -34,8 +40,8 @@ LEAST_SHARE: Final = 0.5
 """Minimum share of the pulses in the common time that must be matched, in each of the two files."""
 
 RIVAL_SHARE: Final = 0.75
-"""If another offset matches at least this share of the number of pulses that the best offset matches, the pulses are
-too evenly spaced to decide between the two offsets.
+"""If another offset matches at least this share of the number of starts and ends that the best offset matches, the
+pulses do not decide between the two offsets: they are evenly spaced, or are equally long and have unknown ends.
 """
 
 LEAST_SIGMA_S: Final = 0.001
@@ -52,18 +58,35 @@ extreme within pulses (1).
 """
 
 
-def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the times (p,) at which pulses begin in a signal with values (n,) at times (n,); NaN values are left out.
+@dataclass(frozen=True, slots=True, eq=False)
+class Pulses:
+    """Pulses on one clock. start_s (p,), end_s (q,): increasing times of their starts and ends; end_s is empty if the
+    ends are unknown.
+    """
 
-    The rarer of the signal's two levels is the pulse, so pulses may also be negative. An onset is the time,
-    interpolated linearly between two samples, at which the signal crosses the mean of its lowest and its highest value.
+    start_s: np.ndarray
+    end_s: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+def pulses_of_signal(time_s: np.ndarray, values: np.ndarray) -> tuple[Pulses, Pulses]:
+    """Return both readings of a signal with values (n,) at times (n,), since a signal does not state which of its
+    levels is the pulse: each pulse starts at a rising edge and ends at a falling edge, or vice versa.
+    """
+    rising_s, falling_s = rising_edges(time_s, values), rising_edges(time_s, -values)
+    return Pulses(rising_s, falling_s), Pulses(falling_s, rising_s)
+
+
+def rising_edges(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the times (p,) at which a signal with values (n,) at times (n,) rises; NaN values are left out.
+
+    An edge is the time, interpolated linearly between two samples, at which the signal crosses the mean of its lowest
+    and its highest value.
     """
     known = np.isfinite(values)
     times, heights = time_s[known], values[known]
     if len(heights) < 2 or np.ptp(heights) <= 0.0:
         return np.empty(0)
     level = (heights - heights.min()) / np.ptp(heights)
-    level = 1.0 - level if (level > 0.5).mean() > 0.5 else level
     sample = np.arange(len(level))
     # at each sample, the index of the last sample that was above ``HIGH`` or below ``LOW``
     clear = np.maximum.accumulate(np.where((level >= HIGH) | (level <= LOW), sample, 0))
@@ -74,38 +97,92 @@ def rising_onsets(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.asarray(times[below] + share * (times[below + 1] - times[below]))
 
 
-def find_pulse_clock(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None = None) -> tuple[OtherClock, int]:
-    """Find the other device's clock; return it and the number of matched pulses. ours_s (n,), theirs_s (m,): increasing
-    onsets of the pulses on the recording's clock and on the other clock.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """One reading of the pulses in both files. offsets (c, 2): as in ``_candidates``; matched (c,): how many starts and
+    ends match at each offset.
+    """
+
+    ours: Pulses
+    theirs: Pulses
+    offsets: np.ndarray
+    matched: np.ndarray
+
+    @property
+    def most(self) -> int:
+        return int(self.matched.max(initial=0))
+
+    @property
+    def offset(self) -> np.ndarray:
+        """Return the offset (2,) at which most edges match."""
+        return np.asarray(self.offsets[np.argmax(self.matched)])
+
+    def starts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the starts (k,) on the recording's clock and on the other clock that match at the best offset."""
+        mine, theirs = _matched(self.ours.start_s, self.theirs.start_s, *self.offset)
+        return self.ours.start_s[mine], self.theirs.start_s[theirs]
+
+
+def find_pulse_clock(
+    ours: Sequence[Pulses], theirs: Sequence[Pulses], near_s: float | None = None
+) -> tuple[OtherClock, int]:
+    """Find the other device's clock; return it and the number of matched pulses. ours, theirs: the possible readings of
+    the pulses on the recording's clock and on the other clock (``pulses_of_signal``).
 
     near_s: an offset that is correct within half a second, None if unknown. Raises NoCommonMovement if too few pulses
-    match, or another offset matches nearly as many.
+    match, or another offset matches nearly as many starts and ends, in the same or in another reading. Offsets of two
+    readings of very short pulses may differ by less than pulses jitter. Then the offset lies midway, and its sigma
+    includes the difference.
     """
-    if not len(ours_s) or not len(theirs_s):
-        raise NoCommonMovement("one of the two has no pulse")
-    tried = _candidates(ours_s, theirs_s, near_s)
-    counts = np.array([len(_matched(ours_s, theirs_s, *each)[0]) for each in tried])
-    if not len(counts):
-        raise NoCommonMovement("no pulses lie as far apart as --near states")
-    best = int(np.argmax(counts))
-    far = np.abs(tried[:, 0] - tried[best, 0]) > 5.0 * TOLERANCE_S
-    rivals = np.flatnonzero(far & (counts >= RIVAL_SHARE * counts[best]))
-    _require_enough(ours_s, theirs_s, float(tried[best, 0]), int(counts[best]), near_s)
-    if len(rivals):
-        other = tried[rivals[np.argmax(counts[rivals])], 0]
-        raise NoCommonMovement(
-            f"offsets of {tried[best, 0]:.2f} and {other:.2f} s match {counts[best]} and {counts[rivals].max()} pulses"
-        )
-    mine, theirs = _matched(ours_s, theirs_s, *tried[best])
-    return _fitted(ours_s[mine], theirs_s[theirs]), len(mine)
+    trials = [_tried(mine, other, near_s) for mine in ours for other in theirs]
+    best = max(trials, key=lambda trial: trial.most)
+    if not len(best.offsets):
+        none = any(not len(each.start_s) for each in (*ours, *theirs))
+        raise NoCommonMovement("one of the two has no pulse" if none else "no pulses lie as far apart as --near states")
+    _require_enough(best, near_s)
+    rivals = [trial for trial in trials if trial.most >= RIVAL_SHARE * best.most]
+    for trial in rivals:
+        _require_no_other_offset(best, trial)
+    clock = _fitted(*best.starts())
+    middle_s = np.array([clock.middle_s])
+    readings_s = [float((_fitted(*each.starts()).reference_time_s(middle_s) - middle_s)[0]) for each in rivals]
+    apart_s = float(np.ptp(readings_s))
+    if apart_s > TOLERANCE_S:
+        worst = int(np.argmax(np.abs(np.array(readings_s) - clock.offset_s)))
+        raise _ambiguous(best, readings_s[worst], rivals[worst].most)
+    midway_s, sigma_s = min(readings_s) + apart_s / 2.0, float(np.hypot(clock.offset_sigma_s, apart_s / 2.0))
+    return replace(clock, offset_s=midway_s, offset_sigma_s=sigma_s), len(best.starts()[0])
+
+
+def _require_no_other_offset(best: _Trial, trial: _Trial) -> None:
+    """Raise NoCommonMovement if in this reading, a clearly different offset matches nearly as many edges."""
+    far = np.abs(trial.offsets[:, 0] - best.offset[0]) > 5.0 * TOLERANCE_S
+    matched = np.where(far, trial.matched, 0)
+    if matched.max() >= RIVAL_SHARE * best.most:
+        raise _ambiguous(best, float(trial.offsets[np.argmax(matched), 0]), int(matched.max()))
+
+
+def _ambiguous(best: _Trial, offset_s: float, matched: int) -> NoCommonMovement:
+    both = f"offsets of {best.offset[0]:.2f} and {offset_s:.2f} s"
+    return NoCommonMovement(f"{both} match {best.most} and {matched} starts and ends of pulses")
+
+
+def _tried(ours: Pulses, theirs: Pulses, near_s: float | None) -> _Trial:
+    offsets = _candidates(ours.start_s, theirs.start_s, near_s)
+    edges = ((ours.start_s, theirs.start_s), (ours.end_s, theirs.end_s))
+    known = [(mine, other) for mine, other in edges if len(mine) and len(other)]
+    matched = [sum(len(_matched(mine, other, *each)[0]) for mine, other in known) for each in offsets]
+    return _Trial(ours, theirs, offsets, np.array(matched, dtype=int))
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
     """Return the offsets to try (c, 2). The first column is the offset: an onset on the other clock minus an onset on
     the recording's clock. The second is this onset on the recording's clock, the time at which the offset holds.
     """
+    if not len(ours_s):
+        return np.empty((0, 2))
     anchors = ours_s[np.unique(np.linspace(0, len(ours_s) - 1, ANCHORS).astype(int))]
-    tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s])
+    tried = np.array([(theirs - anchor, anchor) for anchor in anchors for theirs in theirs_s]).reshape(-1, 2)
     return tried if near_s is None else tried[np.abs(tried[:, 0] - near_s) <= RIVAL_DISTANCE_S]
 
 
@@ -120,13 +197,12 @@ def _matched(
     return np.flatnonzero(found >= 0), found[found >= 0]
 
 
-def _require_enough(
-    ours_s: np.ndarray, theirs_s: np.ndarray, offset_s: float, matched: int, near_s: float | None
-) -> None:
-    least = LEAST_PULSES if near_s is None else 1
+def _require_enough(trial: _Trial, near_s: float | None) -> None:
+    """Raise NoCommonMovement if too few of the pulses' starts match at the best offset."""
+    least, matched = LEAST_PULSES if near_s is None else 1, len(trial.starts()[0])
     if matched < least:
         raise NoCommonMovement(f"{matched} pulses match, and {least} are needed")
-    there_s = theirs_s - offset_s
+    ours_s, there_s = trial.ours.start_s, trial.theirs.start_s - trial.offset[0]
     from_s, to_s = max(ours_s[0], there_s[0]) - TOLERANCE_S, min(ours_s[-1], there_s[-1]) + TOLERANCE_S
     most = max(int(((each >= from_s) & (each <= to_s)).sum()) for each in (ours_s, there_s))
     if matched < LEAST_SHARE * most:

@@ -22,8 +22,8 @@ from anchorpose.sync.csv_file import read_csv
 from anchorpose.sync.edf_file import read_edf
 from anchorpose.sync.limb import SEGMENTS, SMOOTHING_S, angular_velocity, one_way_sigma_s, specific_force
 from anchorpose.sync.movement import SHORT_S, find_sensor_clock
-from anchorpose.sync.pulses import MOST_PULSES, find_pulse_clock, rising_onsets
-from anchorpose.sync.recorded_onsets import first_frame_s, recorded_onsets
+from anchorpose.sync.pulses import MOST_PULSES, Pulses, find_pulse_clock, pulses_of_signal
+from anchorpose.sync.recorded_pulses import first_frame_s, recorded_pulses
 from anchorpose.sync.streams import OtherFile
 from anchorpose.sync.xdf_file import read_xdf
 
@@ -127,29 +127,32 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
     path, name = settings.pulse_times, settings.pulses
     assert path is not None  # checked in _way
     assert name is not None
-    ours_s, theirs_s = recorded_onsets(path, results, joints, name, settings.pulse_type), other_onsets(other, name)
-    for file, onsets_s in ((path, ours_s), (other.path, theirs_s)):
-        if not 0 < len(onsets_s) <= MOST_PULSES:
-            problem = f"has {len(onsets_s)} pulses in {name}"
+    ours, theirs = recorded_pulses(path, results, joints, name, settings.pulse_type), other_pulses(other, name)
+    counts = [max(len(reading.start_s) for reading in readings) for readings in (ours, theirs)]
+    for file, count in zip((path, other.path), counts, strict=True):
+        if not 0 < count <= MOST_PULSES:
+            problem = f"has {count} pulses in {name}"
             raise InputError(file, problem, f"name a signal, or a stream of markers, with 1 to {MOST_PULSES} pulses")
     try:
-        clock, matched = find_pulse_clock(ours_s, theirs_s, settings.near)
+        clock, matched = find_pulse_clock(ours, theirs, settings.near)
     except NoCommonMovement as error:
-        remedy = "give pulses at uneven distances, or state --near SECONDS"
+        remedy = (
+            "give pulses at uneven distances, in an events.tsv that states how long each lasts, or state --near SECONDS"
+        )
         raise InputError(other.path, f"does not have the pulses of {path}: {error}", remedy) from None
-    compared = f"{matched} pulses of {path.name} ({len(ours_s)}) with those of {name} ({len(theirs_s)})"
+    compared = f"{matched} pulses of {path.name} ({counts[0]}) with those of {name} ({counts[1]})"
     return Synchronised(results, joints, other, clock, PULSES, compared)
 
 
-def other_onsets(other: OtherFile, name: str) -> np.ndarray:
-    """Return the onsets (p,) of the stream of markers ``name``, or of the pulses in the signal ``name``; raises
-    InputError if the file has neither.
+def other_pulses(other: OtherFile, name: str) -> tuple[Pulses, ...]:
+    """Return the possible readings of the pulses in the stream of markers or the signal ``name``; raises InputError if
+    the file has neither.
     """
     markers = [each for each in other.markers if each.name == name]
     if markers:
-        return np.unique(np.concatenate([each.time_s for each in markers]))
+        return (Pulses(np.unique(np.concatenate([each.time_s for each in markers]))),)
     time_s, values = other.take((name,))
-    return rising_onsets(time_s, values[:, 0])
+    return pulses_of_signal(time_s, values[:, 0])
 
 
 def _by_stamps(results: Path, joints: JointTable, other: OtherFile, settings: SyncSettings) -> Synchronised:

@@ -20,8 +20,9 @@ REMEDY: Final = "give a file that LabRecorder or another program has written as 
 
 
 def read_xdf(path: Path) -> OtherFile:
-    """Read streams of numbers as signals, and streams of texts as markers. Times are corrected by the clock offsets
-    that the file has. Raises InputError if the file is not XDF or is empty, MissingPackage if pyxdf is missing.
+    """Read streams of numbers as signals, and streams of events as markers: streams of texts, or of numbers without a
+    regular rate. Times are corrected by the clock offsets that the file has. Raises InputError if the file is not XDF
+    or is empty, MissingPackage if pyxdf is missing.
     """
     try:
         import pyxdf
@@ -37,7 +38,7 @@ def read_xdf(path: Path) -> OtherFile:
             markers = [
                 Markers(name, np.unique(np.asarray(each["time_stamps"], dtype=np.float64)))
                 for name, each in zip(names, streams, strict=True)
-                if not _has_numbers(each)
+                if _has_events(each)
             ]
         except Exception as error:  # the library raises arbitrary errors for damaged bytes
             reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
@@ -80,6 +81,11 @@ def _complaints() -> Iterator[list[str]]:
 
 def _has_numbers(stream: Any) -> bool:
     return isinstance(stream["time_series"], np.ndarray)
+
+
+def _has_events(stream: Any) -> bool:
+    """Return whether each sample of a stream marks an event; nominal_srate is 0 for streams without a regular rate."""
+    return not _has_numbers(stream) or float(stream["info"]["nominal_srate"][0]) == 0.0
 
 
 def _signals(name: str, stream: Any) -> Stream:

@@ -67,9 +67,9 @@ def ask_poses(
     if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
         return PosesAsked((), found)
     usual = [without_other_places(sample, scenes) for sample in samples]
-    pairs = compare_cameras(scenes, recording.backgrounds_m, usual)
     known = all(camera.doubt in (None, NoClock.SWITCHED_OFF, NoClock.NO_MOTION) for camera in clocks.cameras)
-    between = [doubt for pair in pairs if (doubt := doubt_of(pair, known)) is not None]
+    pairs = compare_cameras(scenes, recording.backgrounds_m, usual, known)
+    between = [doubt for pair in pairs if (doubt := doubt_of(pair)) is not None]
     agree = not between and all(pair.measured for pair in pairs)
     return PosesAsked(tuple(pairs), (*(_excused(doubt) if agree else doubt for doubt in found), *between))
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from anchorpose.body.constraints import thin
 from anchorpose.calibration.calibration import DoubtSource, PoseDoubt
-from anchorpose.calibration.common_view import Displacement, LevelView, common_surfaces, find_displacement
+from anchorpose.calibration.common_view import LevelView
+from anchorpose.calibration.displacement import Displacement, common_surfaces, find_displacement
 from anchorpose.calibration.world import WORST_FLOOR_TILT_RAD
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
@@ -91,13 +92,18 @@ class CameraPair:
 
 
 def compare_cameras(
-    scenes: Sequence[Scene], backgrounds_m: Sequence[np.ndarray | None], samples: Sequence[FrameSet]
+    scenes: Sequence[Scene],
+    backgrounds_m: Sequence[np.ndarray | None],
+    samples: Sequence[FrameSet],
+    clocks_known: bool = True,
 ) -> list[CameraPair]:
-    """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording."""
+    """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording; clocks_known: as
+    in ``seen_past``.
+    """
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
     views = [_surfaces(k, scenes, backgrounds_m, whole) for k in range(len(scenes))] if whole else []
-    past = seen_past(scenes, [find_all_pieces(frame, scenes) for frame in chosen])
+    past = seen_past(scenes, [find_all_pieces(frame, scenes) for frame in chosen], clocks_known)
     pairs = combinations(range(len(scenes)), 2)
     return [
         CameraPair(one, find_displacement(views[a], views[b]) if views else None)
@@ -112,19 +118,24 @@ def _surfaces(
     return common_surfaces(scene.camera, scene.background.depth_m, backgrounds_m[index], depths_of(frames, index))
 
 
-def seen_past(scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> list[SeenPast]:
+def seen_past(
+    scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]], clocks_known: bool = True
+) -> list[SeenPast]:
     """Return, for each pair of cameras, the shares of surfaces that one of them sees past (reads something farther
     away). moments: for each moment, the pixels of people in each camera; None for a camera without a frame.
+
+    clocks_known: whether both cameras' frames of a moment were taken at the same time. If not, a camera sees past a
+    person only if it does so at all moments, because people stay in the room while one of them may have moved on.
     """
-    return [_of_pair(one, other, scenes, moments) for one, other in combinations(range(len(scenes)), 2)]
+    pairs = combinations(range(len(scenes)), 2)
+    return [_of_pair(one, other, scenes, moments, clocks_known) for one, other in pairs]
 
 
-def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
+def doubt_of(pair: CameraPair) -> PoseDoubt | None:
     """Return the doubt that the comparison of two cameras raises about their poses; None without a doubt.
 
     If the common surfaces determine a displacement, the displacement decides; otherwise the shares of surface seen past
-    (``SeenPast``) decide. If the clocks are unknown, only the share of the room can refute a pose: the two cameras'
-    frames may show people at different times.
+    (``SeenPast``) decide.
     """
     past, names = pair.past, " and ".join(pair.past.cameras)
     if pair.by is not None:
@@ -136,19 +147,23 @@ def doubt_of(pair: CameraPair, clocks_known: bool) -> PoseDoubt | None:
     if not (past.of_room > SOME_OF_ROOM or past.of_people > SOME_OF_PEOPLE):
         return None
     much_of_room = MUCH_OF_ROOM if np.isfinite(past.of_people) else ROOM_ALONE
-    refuted = past.of_room > much_of_room or (clocks_known and past.of_people > MUCH_OF_PEOPLE)
+    refuted = past.of_room > much_of_room or past.of_people > MUCH_OF_PEOPLE
     # a share of surface seen past does not state a distance, so off_m is NaN and sigma is not increased
     sentence = f"cameras {names} {past.measured}"
     return PoseDoubt(DoubtSource.CAMERAS, past.cameras, sentence, float("nan"), refuted)
 
 
-def _of_pair(one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]]) -> SeenPast:
+def _of_pair(
+    one: int, other: int, scenes: Sequence[Scene], moments: Sequence[Sequence[Pieces | None]], clocks_known: bool
+) -> SeenPast:
     rooms, people = list[float](), list[float]()
     outlined = not any(scenes[k].background.sensor.filtered for k in (one, other))
     for a, b in ((one, other), (other, one)):
         rooms.append(_share([_room_past(scenes[a], scenes[b])]))
         both = [(here, there) for moment in moments if (here := moment[a]) and (there := moment[b]) and outlined]
-        people.append(_share([_people_past(here, there, scenes[a], scenes[b]) for here, there in both]))
+        anytime = [there.depth_m for _, there in both]
+        shown = [(here, [there.depth_m] if clocks_known else anytime) for here, there in both]
+        people.append(_share([_people_past(here, depths_m, scenes[a], scenes[b]) for here, depths_m in shown]))
     names = (scenes[one].camera.name, scenes[other].camera.name)
     return SeenPast(names, _largest(rooms), _largest(people))
 
@@ -169,27 +184,30 @@ def _room_past(one: Scene, other: Scene) -> tuple[int, int]:
     points = one.camera.back_project(one.background.depth_m).reshape(-1, 3)
     points = points[np.isfinite(points[:, 2])].astype(np.float64)
     world = transform_points(one.camera.require_pose(), points[:: max(1, len(points) // POINTS)])
-    return _past(world, other, other.background.depth_m)
+    return _past(world, other, [other.background.depth_m])
 
 
-def _people_past(here: Pieces, there: Pieces, one: Scene, other: Scene) -> tuple[int, int]:
+def _people_past(here: Pieces, depths_m: Sequence[np.ndarray], one: Scene, other: Scene) -> tuple[int, int]:
     world = here.points_m[:: max(1, len(here.points_m) // POINTS_OF_PEOPLE)].astype(np.float64)
-    return _past(world, other, there.depth_m)
+    return _past(world, other, depths_m)
 
 
-def _past(world_m: np.ndarray, other: Scene, depth_m: np.ndarray) -> tuple[int, int]:
-    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
-    points can be compared. depth_m (height, width): that camera's depth image.
+def _past(world_m: np.ndarray, other: Scene, depths_m: Sequence[np.ndarray]) -> tuple[int, int]:
+    """Return how many of the points (n, 3) another camera sees past (reads something farther away) in each of its depth
+    images (height, width), and how many of the points can be compared.
 
-    A point in view can be compared if the camera has a reading there and nothing hides the point. The point is compared
-    with the nearest (smallest) reading among the pixels within ``AWAY_M`` of it.
+    A point in view can be compared with an image if the camera has a reading there and nothing hides the point. The
+    point is compared with the nearest (smallest) reading among the pixels within ``AWAY_M`` of it.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)
     if not inside.any():
         return 0, 0
-    read = np.where(depth_m > 0, depth_m, np.float32(np.inf))
     reach_px = int(other.camera.intrinsics.fx * AWAY_M / np.median(seen[inside, 2]))
-    nearest_m = cv2.erode(read, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8))[row, column]
-    known = inside & np.isfinite(nearest_m) & (nearest_m > seen[:, 2] - AWAY_M)
-    return int(np.count_nonzero(nearest_m[known] > seen[known, 2] + AWAY_M)), int(np.count_nonzero(known))
+    around = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
+    nearest_m = np.stack(
+        [cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)), around)[row, column] for depth in depths_m]
+    )
+    known = inside & (np.isfinite(nearest_m) & (nearest_m > seen[:, 2] - AWAY_M)).any(axis=0)
+    past = known & (nearest_m > seen[:, 2] + AWAY_M).all(axis=0)
+    return int(np.count_nonzero(past)), int(np.count_nonzero(known))

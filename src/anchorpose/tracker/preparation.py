@@ -66,9 +66,15 @@ def prepare_room(recording: Recording, config: TrackConfig, review: Review = NO_
     """
     settled = settle(recording, config, review)
     scenes = scenes_of(settled)
+    return with_best_initial_frame(furnish_room(agreeing(settled, scenes), config, review, scenes), config)
+
+
+def agreeing(settled: Settled, scenes: Sequence[Scene]) -> Settled:
+    """Return the settled recording with notes on minor contradictions between camera poses; raises InputError if a
+    given pose cannot be correct. scenes: one per camera, as from ``scenes_of``.
+    """
     poses = agreeing_poses(settled.recording, settled.calibration, settled.clocks, scenes, settled.samples)
-    settled = replace(settled, calibration=poses)
-    return with_best_initial_frame(furnish_room(settled, config, review, scenes), config)
+    return replace(settled, calibration=poses)
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:

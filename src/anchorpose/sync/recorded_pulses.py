@@ -1,4 +1,4 @@
-"""Read the onsets of pulses that both devices recorded, on the recording's clock, from a table of events or pulses."""
+"""Read the pulses that both devices recorded, on the recording's clock, from a table of events or pulses."""
 
 from __future__ import annotations
 
@@ -9,33 +9,36 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import read_text
+from anchorpose.recording.events import MISSING
 from anchorpose.recording.regular_file import LARGEST_TABLE
 from anchorpose.results.parquet import TRACK_AGAIN
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JointTable
 from anchorpose.sync.csv_file import TIME_COLUMNS, read_csv
-from anchorpose.sync.pulses import rising_onsets
+from anchorpose.sync.pulses import Pulses, pulses_of_signal
 
 EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, duration, trial_type, or a .csv"
 
 
-def recorded_onsets(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> np.ndarray:
-    """Return the onsets of pulses (p,), seconds on the clock of the first camera, in increasing order.
+def recorded_pulses(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> tuple[Pulses, ...]:
+    """Return the possible readings of the pulses, on the clock of the first camera.
 
     path: an events.tsv, whose onsets count from the recording's first frame; or a .csv on the recording's clock, either
     with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type of the rows that
     are pulses, None for all rows. Raises InputError if the file cannot be used.
     """
     if path.suffix.lower() == ".tsv":
-        return np.unique(_events(path, kind) + first_frame_s(results, joints))
+        start_s, end_s = _events(path, kind)
+        first_s = first_frame_s(results, joints)
+        return (Pulses(np.unique(start_s + first_s), np.unique(end_s + first_s)),)
     if kind is not None:
         raise InputError(path, "is not an events.tsv", "leave out --pulse-type, or give an events.tsv")
     if path.suffix.lower() != ".csv":
         raise InputError(path, f"ends in '{path.suffix}'", EVENTS_REMEDY)
     if read_text(path, LARGEST_TABLE).partition("\n")[0].strip() in TIME_COLUMNS:
-        return _times(path)
+        return (Pulses(_times(path)),)
     time_s, values = read_csv(path).take((column,))
-    return rising_onsets(time_s, values[:, 0])
+    return pulses_of_signal(time_s, values[:, 0])
 
 
 def _times(path: Path) -> np.ndarray:
@@ -44,8 +47,10 @@ def _times(path: Path) -> np.ndarray:
     return np.unique([_number(path, cell) for cell in cells])
 
 
-def _events(path: Path, kind: str | None) -> np.ndarray:
-    """Return the onsets in an events.tsv, of the rows with one trial_type or of all rows."""
+def _events(path: Path, kind: str | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the starts (p,) and the known ends (q,) in an events.tsv, of the rows with one trial_type or of all
+    rows.
+    """
     lines = [line.split("\t") for line in read_text(path, LARGEST_TABLE).splitlines() if line.strip()]
     head = [name.strip() for name in lines[0]] if lines else []
     if not {"onset", "trial_type"} <= set(head):
@@ -56,7 +61,11 @@ def _events(path: Path, kind: str | None) -> np.ndarray:
     chosen = [line for line in lines[1:] if kind is None or line[name].strip() == kind]
     if not chosen:
         raise InputError(path, f"has no row of the trial_type '{kind}'" if kind else "has no row", EVENTS_REMEDY)
-    return np.array([_number(path, line[onset]) for line in chosen])
+    start_s = np.array([_number(path, line[onset]) for line in chosen])
+    column = head.index("duration") if "duration" in head else None
+    cells = [MISSING if column is None else line[column].strip() or MISSING for line in chosen]
+    lasts_s = np.array([0.0 if cell == MISSING else _number(path, cell) for cell in cells])
+    return start_s, (start_s + lasts_s)[lasts_s > 0]  # a duration of 0 marks an event of unknown duration
 
 
 def _number(path: Path, text: str) -> float:
