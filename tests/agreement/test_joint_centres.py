@@ -152,6 +152,14 @@ def test_a_mot_in_radians_gives_degrees(tmp_path: Path):
     assert found.degrees[:, 0] == pytest.approx(np.degrees(np.arange(12) / 10))
 
 
+def test_the_pelvis_angles_of_opensim_are_not_this_program_s_angles_of_the_same_names(tmp_path: Path):
+    pelvis = dict.fromkeys(("pelvis_tilt", "pelvis_rotation"), SWAY)
+    ours = read_reference(_write_mot(tmp_path / "ours.mot", pelvis))
+    assert ours.angles == tuple(pelvis)
+    found = read_reference(_write_mot(tmp_path / "a.mot", pelvis | {"pelvis_list": SWAY, "hip_flexion_r": SWAY}))
+    assert found.angles == ("hip_pelvis_flexion_right",)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("left", "right"), [(13.0, 11.0), (30.0, 2.0), (-9.0, -7.0)])
 def test_both_knees_of_a_file_get_the_sign_of_the_results(tmp_path: Path, sign: float, left: float, right: float):

@@ -240,11 +240,15 @@ def exchanged(reference: Reference) -> Reference:
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
-    """Return this program's names of the file's angles, their labels in the file, and the angles (t, a) in degrees."""
-    columns = dict[str, int]()
+    """Return this program's names of the file's angles, their labels in the file, and the angles (t, a) in degrees.
+
+    Beside ``pelvis_list``, which only OpenSim has, the pelvis angles are OpenSim's. They are left out: their signs and
+    zeros differ from those of this program's angles of the same names.
+    """
+    columns, of_opensim = dict[str, int](), "pelvis_list" in captured.angles
     for column, label in enumerate(captured.angles):
         name = _our_angle(label)
-        if name is not None:
+        if name is not None and not (of_opensim and name.startswith("pelvis_")):
             columns.setdefault(name, column)
     chosen = list(columns.values())
     return tuple(columns), tuple(captured.angles[column] for column in chosen), captured.degrees[:, chosen]

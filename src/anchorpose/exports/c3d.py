@@ -35,6 +35,11 @@ STEM: Final = "joints"
 LARGEST_FRAMES: Final = 65535
 """Maximum number of frames in a file, since the format counts frames with 16 bits. A longer recording is split."""
 
+ABOUT_EVENTS: Final = (
+    "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the beginnings "
+    "and ends of standing up, sitting down, being upright and contacts"
+)
+STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
 NOT_GIVEN: Final = -1.0  # value of an unknown sigma, since analog channels have no mark for missing values
 
 
@@ -48,7 +53,8 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
     events, inside, held = read_events(source.folder), 0, 0
     ends_s = [*samples.time_s[starts[1:]], samples.time_s[-1] + 1.0 / regular.rate_hz]
     for number, (start, end_s) in enumerate(zip(starts, ends_s, strict=True)):
-        part, path = samples.rows(slice(start, start + LARGEST_FRAMES)), stretch_name(STEM, ".c3d", number, len(starts))
+        path = stretch_name(STEM, ".c3d", number, len(starts))
+        part = samples.rows(slice(start, start + LARGEST_FRAMES))
         of_part = tuple(event for event in events if part.time_s[0] <= event.time_s < end_s)
         inside += len(of_part)
         held += _write_file(folder / path, part, regular.rate_hz, of_part)
@@ -68,12 +74,8 @@ def write_c3d(folder: Path, source: Source, config: ExportConfig) -> Product:
         notes=(
             "Angles are points listed in POINT:ANGLES: the angle is X; Y and Z mean nothing and are 0.",
             "The residual of every known point is 0; its sigma is in the analog channel NAME.sigma.",
-            "The analog channels NAME.state are codes: "
-            + ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
-            + ".",
-            "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the "
-            "beginnings and ends of standing up, sitting down, being upright and contacts; "
-            f"{inside - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}; "
+            f"The analog channels NAME.state are codes: {STATE_CODES}.",
+            f"{ABOUT_EVENTS}; {inside - held} of {len(events)} did not fit into a file, which holds {MOST_EVENTS}; "
             f"{len(events) - inside} are at times outside of the recording.",
             f"The first frame is at {float(samples.time_s[0])!r} s; the beginning of each file is in "
             "ANCHORPOSE:START_TIME.",

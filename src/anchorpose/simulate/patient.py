@@ -153,12 +153,7 @@ def draw_patient(
     )
     begin_s, end_s, sitting = _draw_sitting(rng, config, person)
     footwork, gone_s = _come_and_go(rng, footwork, config, ways_out_m)
-    mixed = "mixed" in config.motions
-    legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
-    legs += [m for m in NAMED_ONLY if m in config.motions]
-    if config.away_s:
-        legs = [m for m in legs if m != "steps"]  # a patient who walks in and out does no other steps
-    arms = [m for m in ARM_MOTIONS if mixed or m in config.motions]
+    legs, arms = _chosen(config)
     movements = [*sitting]
     now = begin_s
     while legs and now < end_s:
@@ -173,13 +168,29 @@ def draw_patient(
         else:
             movements.append(timed(rng, LEG_MOTIONS[name](rng, here), now, pace))
             now = movements[-1].end_s + rng.uniform(-0.2, 0.3)
-    now = rng.uniform(0.0, 0.6)
-    while arms and now < config.seconds:
-        movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(arms))](rng, here), now, draw_pace(rng, config.speed)))
-        now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
+    movements += _of_arms(rng, arms, config, here)
     movements = [m for m in movements if all(m.end_s <= leaves or m.start_s >= returns for leaves, returns in gone_s)]
     grip_m = None if frame is None else frame.grip_m
     return Actor(person, base, movements, footwork, draw_waves(rng), grip_m, gone_s)
+
+
+def _of_arms(rng: np.random.Generator, names: list[str], config: SimulationConfig, here: Situation) -> list[Movement]:
+    """Draw one movement of the arms after the other, until the recording ends."""
+    movements, now = list[Movement](), rng.uniform(0.0, 0.6)
+    while names and now < config.seconds:
+        movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(names))](rng, here), now, draw_pace(rng, config.speed)))
+        now = movements[-1].end_s + rng.uniform(-0.2, 0.2)
+    return movements
+
+
+def _chosen(config: SimulationConfig) -> tuple[list[str], list[str]]:
+    """Return the names of the movements of legs and of arms from which a patient's movements are drawn."""
+    mixed = "mixed" in config.motions
+    legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
+    legs += [m for m in NAMED_ONLY if m in config.motions]
+    if config.away_s:
+        legs = [m for m in legs if m != "steps"]  # a patient who walks in and out does no other steps
+    return legs, [m for m in ARM_MOTIONS if mixed or m in config.motions]
 
 
 def _come_and_go(
