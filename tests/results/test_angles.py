@@ -209,11 +209,11 @@ def test_the_turn_of_a_thigh_whose_knee_is_bowed_lies_within_its_range_however_s
 
 
 def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
-    for degrees, told in ((25.0, False), (35.0, True)):
+    for degrees, known in ((25.0, False), (35.0, True)):
         leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -degrees)
         arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], degrees)
-        assert np.isfinite(_angle(leg, "hip_rotation_left")) == told
-        assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
+        assert np.isfinite(_angle(leg, "hip_rotation_left")) == known
+        assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == known
 
 
 @pytest.mark.parametrize(
@@ -222,26 +222,26 @@ def test_a_limb_that_is_hardly_bent_does_not_show_how_it_is_turned():
 def test_how_far_a_bent_arm_may_be_raised_depends_on_its_bend_as_the_page_states(bend_deg, raised_deg):
     """The limit is sin(bend) cos(raised / 2) = sin 15 degrees."""
     arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], bend_deg)
-    for degrees, told in ((raised_deg - 1.0, True), (raised_deg + 1.0, False)):
+    for degrees, known in ((raised_deg - 1.0, True), (raised_deg + 1.0, False)):
         raised = _turn(arm, "ShoulderLeft", ["ElbowLeft", "WristLeft", "HandLeft"], degrees)
-        assert np.isfinite(_angle(raised, "shoulder_rotation_left")) == told
+        assert np.isfinite(_angle(raised, "shoulder_rotation_left")) == known
 
 
 @pytest.mark.parametrize(("bend_deg", "least_deg"), [(35.0, 26.8), (90.0, 15.0), (145.0, 26.8)])
 def test_how_near_a_thigh_may_come_to_the_line_of_the_hips_depends_on_the_bend_as_the_page_states(bend_deg, least_deg):
     """The limit is sin(bend) sin(angle to the line of the hips) = sin 15 degrees."""
     leg = _turn(standing_joints(), "KneeRight", ["AnkleRight", "FootRight"], -bend_deg)
-    for degrees, told in ((least_deg + 1.0, True), (least_deg - 1.0, False)):
+    for degrees, known in ((least_deg + 1.0, True), (least_deg - 1.0, False)):
         aside = _turn(leg, "HipRight", ["KneeRight", "AnkleRight"], 90.0 - degrees, np.array([-1.0, 0.0, 0.0]))
-        assert np.isfinite(_angle(aside, "hip_rotation_right")) == told
+        assert np.isfinite(_angle(aside, "hip_rotation_right")) == known
 
 
-@pytest.mark.parametrize(("bend_deg", "told"), [(149.0, True), (151.0, False)])
-def test_a_folded_limb_does_not_show_how_it_is_turned(bend_deg, told):
+@pytest.mark.parametrize(("bend_deg", "known"), [(149.0, True), (151.0, False)])
+def test_a_folded_limb_does_not_show_how_it_is_turned(bend_deg, known):
     leg = _turn(standing_joints(), "KneeLeft", ["AnkleLeft", "FootLeft"], -bend_deg)
     arm = _turn(standing_joints(), "ElbowLeft", ["WristLeft", "HandLeft"], bend_deg)
-    assert np.isfinite(_angle(leg, "hip_rotation_left")) == told
-    assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == told
+    assert np.isfinite(_angle(leg, "hip_rotation_left")) == known
+    assert np.isfinite(_angle(arm, "shoulder_rotation_left")) == known
 
 
 def test_near_the_axis_that_it_turns_about_an_angle_is_not_given_though_its_joints_are_seen():

@@ -109,7 +109,7 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 
 
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
-    """Return the median distance between the two cameras' surfaces of people or, if nobody is seen, of the room.
+    """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
     All points count that both cameras should show. A point whose surface is not within ``COMPARED_M`` in the other
     camera is infinitely far away, so the result is infinite unless at least half of the points are on one surface.

@@ -119,7 +119,7 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
     """Return (n - 1,) bool: whether a frame and the next are so near in time that no frame is missing between them: at
     most ``LONGEST_STEP`` times the median step in the second around them, since a camera may slow down in poor light,
-    and never more than ``longest_known_gap_s``. Raises AnchorposeError if there is only one frame.
+    and never more than ``longest_known_gap_s``. Raises AnchorposeError for a single frame.
     """
     steps_s = np.diff(time_s)
     per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)  # even, so that no frame is missing where two steps alternate
@@ -221,7 +221,7 @@ class Stretches:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a note for users on the frames that stand alone, if there are any."""
+        """Return a note for users on the frames that stand alone; no note without such frames."""
         return (f"Complete frames left out, since the frames next to them are not: {self.alone}.",) * (self.alone > 0)
 
 
