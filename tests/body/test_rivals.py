@@ -17,7 +17,6 @@ from anchorpose.body.rivals import (
     Rival,
     believed,
     follow_rivals,
-    moved_along,
     parts_apart,
     rivals_of,
     with_rivals,
@@ -74,16 +73,6 @@ def without_arm(view: View, picture: TrueImage) -> View:
 
 
 LOW = standing(LeftArm=(45.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
-
-
-def test_a_rival_of_a_walking_patient_is_kept_as_long_as_the_images_do_not_decide():
-    """The left arm is hidden, and the patient has walked 24 cm since the last frame, as at five frames a second."""
-    step_m, walked = np.array([0.0, 0.0, 0.24]), stepped(TRUTH, 0.0, 0.0, 0.24)
-    hidden, behind = seen_body(walked, BODY, change=without_arm), (Rival(sure(LOW), 0.0),)
-    _, left = follow_rivals(BODY, registered(walked), moved_along(behind, step_m), hidden, 0.2, CONFIG)
-    assert len(left) == 1
-    assert abs(left[0].lag) < 3.0
-    assert follow_rivals(BODY, registered(walked), behind, hidden, 0.2, CONFIG)[1] == ()
 
 
 def test_what_a_rival_lost_before_counts_less_with_every_frame():

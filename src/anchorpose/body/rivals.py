@@ -98,16 +98,6 @@ def parts_apart(one_m: np.ndarray, other_m: np.ndarray) -> int:
     return len(np.unique(LIMB_OF_JOINTS[away_m > APART_M]))
 
 
-def moved_along(rivals: Sequence[Rival], step_m: np.ndarray) -> tuple[Rival, ...]:
-    """Return the rivals moved by step_m (3,), by which the patient walks on. Without this step, the rivals of a walking
-    patient would lose to the best pose only because they stay behind.
-    """
-    return tuple(
-        replace(one, belief=replace(one.belief, pose=replace(one.belief.pose, root_m=one.belief.pose.root_m + step_m)))
-        for one in rivals
-    )
-
-
 def follow_rivals(
     body: Body,
     best: Registration,

@@ -22,7 +22,7 @@ from anchorpose.body.inverse_kinematics import (
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, SEGMENT_OF_JOINTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.rivals import Rival, follow_rivals, moved_along, rivals_of
+from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
@@ -301,7 +301,7 @@ class PatientTracker:
         """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
 
         If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
-        corrections then get more weight, and poses before this frame are not used to predict the next poses.
+        corrections then get more weight, and of the poses before this frame only the path is continued.
         Corrections that the body cannot reach are ignored.
         """
         given = self._corrections(seen)
@@ -313,7 +313,7 @@ class PatientTracker:
         if contradicted(self.body, corrected, given):
             return belief
         if wrong:
-            self.history.clear()
+            self._keep_path(corrected.pose)
         return corrected
 
     def _search_tree(self) -> GlobalHypothesis:
@@ -327,7 +327,6 @@ class PatientTracker:
         Also return the track tree's best branches; None if the track tree was not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
-        self.rivals = moved_along(self.rivals, poses[0].root_m - self.belief.pose.root_m)
         if not len(self.window[1].surface):
             return Registration(predicted, 0.0, False), None
         with self.run.stage("registration"):
@@ -361,8 +360,20 @@ class PatientTracker:
             best, self.moved = search.registration, self.moved or search.taken
             self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
         if self.moved:
-            self.history.clear()  # the past poses had limbs in wrong places, so their movement is not continued
+            self._keep_path(best.belief.pose)
         return best, hypothesis
+
+    def _keep_path(self, pose: Pose) -> None:
+        """Give all past frames the posture of ``pose``, since their limbs were in wrong places and do not move on. Keep
+        the patient's path, which the trunk shows: a patient who walks on behind another person would otherwise be
+        expected to stand still.
+        """
+        base, posture = JOINT_INDEX["SpineBase"], self.body.joints(pose)
+        path = np.array([joints_m[base] for joints_m in self.history])
+        self.history.clear()
+        if len(path) > 1:
+            # places relative to that of ``pose``, if its last step equals the path's last step
+            self.history.extend(posture + (path - path[-1] - (path[-1] - path[-2]))[:, None])
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
         """Register the body to the next frame; the ``held`` constraints apply only in the first registration steps."""
