@@ -219,7 +219,7 @@ def test_a_stored_session_names_its_own_copy_of_the_calibration(recording, tmp_p
 class _Unfinished:
     finished = False
 
-    def finish(self):
+    def finish(self, notes=()):
         raise OSError(24, "Too many open files")
 
 
