@@ -188,6 +188,15 @@ def test_the_verb_writes_tables_sentences_and_a_page(lab, tmp_path, capsys):
     assert main([*command, "--overwrite"]) == 0
 
 
+def test_knees_whose_sign_is_undecided_and_nothing_else_are_refused_with_the_remedy(lab, tmp_path):
+    rows = "\n".join(f"{t / 10}\t{np.sin(t)}" for t in range(200))
+    (tmp_path / "a.mot").write_text(
+        f"m\nversion=1\ninDegrees=yes\nendheader\ntime\tknee_angle_r\n{rows}\n", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match=r"sign .*; name the angles knee_flexion_left"):
+        match_results(lab.results, read_reference(tmp_path / "a.mot"))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [

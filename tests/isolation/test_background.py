@@ -137,6 +137,14 @@ def test_a_camera_that_is_knocked_during_the_recording_has_moved(axis, turn_deg,
     assert has_moved(learn_background(EMPTY if given else None, knocked, FRONT, 0.0), knocked)
 
 
+@pytest.mark.parametrize("step_m", [(0.0, 0.0, -0.5), (0.0, 0.3, 0.0)], ids=["back", "up"])
+def test_a_camera_that_is_carried_away_from_the_room_has_moved(step_m):
+    pose = FRONT.require_pose().copy()
+    pose[:3, 3] += pose[:3, :3] @ step_m if step_m[2] else step_m
+    carried = [picture(replace(FRONT, T_world_camera=pose), *ROOM, seed=seed) for seed in range(50, 54)]
+    assert has_moved(learn_background(EMPTY, WALK, FRONT, 0.0), [*WALK[:4], *carried])
+
+
 @pytest.mark.parametrize("width_px", [1, 11], ids=["sharp", "filtered"])
 def test_noise_and_people_do_not_move_a_camera(width_px):
     frames = [filtered(frame, width_px) for frame in WALK]

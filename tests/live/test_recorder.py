@@ -45,6 +45,16 @@ def test_what_was_given_is_what_is_recorded_with_its_numbers_and_times(tmp_path)
     assert np.all(read_frame(recording, 2).depths_m[0] == np.float32(1006) * np.float32(0.001))
 
 
+def test_a_note_that_the_full_disk_does_not_take_leaves_a_whole_recording(tmp_path, monkeypatch):
+    def full(path, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    recorder = Recorder(tmp_path / "out", [CAMERA])
+    recorder.put(image(3))
+    monkeypatch.setattr(module, "write_text_whole", full)
+    assert len(open_recording(recorder.finish(["2 depth images could not be recorded"])).streams[0].files) == 1
+
+
 def cut_off(folder):
     """As a power cut leaves it: an image without its row, another without its end, half a row."""
     recorder = Recorder(folder, [CAMERA])

@@ -23,6 +23,7 @@ from anchorpose.tracker.config import FollowConfig, Method, TrackConfig
 from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.following import FIRST_PAUSE, Follower, follow_patient
 from anchorpose.tracker.frame_record import label_pictures
+from anchorpose.tracker.patient import corrected_past
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.smoothing import explain_smoothed, labelled_views, pass_result
@@ -364,3 +365,16 @@ def test_no_more_frames_are_held_than_the_look_ahead_needs(course):
     assert len(held) == HELD
     assert len(pictures) == VANISHES - (APPEARS - 1)  # blind; stored twice
     assert max(held) <= CONFIG.follow.look_ahead + 3  # the look-ahead, the last frame, the one reported, the one read
+
+
+def test_a_corrected_posture_walks_on_and_a_corrected_trunk_does_not():
+    """Three frames of a walk by 0.1 m each; the next frame's registration has an arm in a wrong place."""
+    walk_m = np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.1]], [[0.0, 0.0, 0.2]]])
+    posture_m = np.random.default_rng(0).normal(size=(JOINT_COUNT, 3))
+    wrong_m = posture_m.copy()
+    wrong_m[JOINT_INDEX["HandLeft"]] += 0.3
+    past_m = corrected_past(walk_m + wrong_m, posture_m, wrong_m)
+    assert past_m == pytest.approx(posture_m + walk_m - [0.0, 0.0, 0.3])
+    wrong_m[JOINT_INDEX["SpineBase"]] += 0.2
+    assert not len(corrected_past(walk_m + wrong_m, posture_m, wrong_m))
+    assert not len(corrected_past(walk_m[:1] + posture_m, posture_m, posture_m))

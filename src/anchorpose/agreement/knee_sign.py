@@ -37,11 +37,15 @@ def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
     degrees = reference.degrees.copy()
     degrees[:, knees] *= sign
     note = (
-        f"{' and '.join(reference.labels[k] for k in knees)}: {how}; the middle of the range is {in_file:.0f} degrees "
-        f"in the file and {middle:.0f} degrees in the results. To state the sign yourself, name the angles "
+        f"{' and '.join(reference.labels[k] for k in knees)}: {how}; the middle of the range is {_shown(in_file)} in "
+        f"the file and {_shown(middle)} in the results. To state the sign yourself, name the angles "
         "knee_flexion_left and knee_flexion_right in the file, with flexion positive."
     )
     return replace(reference, degrees=degrees, notes=(*reference.notes, note))
+
+
+def _shown(degrees: float) -> str:
+    return "unknown" if np.isnan(degrees) else f"{degrees:.0f} degrees"
 
 
 def _middle(degrees: np.ndarray) -> float:

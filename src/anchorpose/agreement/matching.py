@@ -76,6 +76,10 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
     joints = read_joints(results / JOINTS_FILE)
     ours = joint_angles(joints)
     reference = with_knee_sign(reference, ours)
+    if reference.angles and not reference.centres.joints and np.isnan(reference.degrees).all():
+        problem = "has no joints, and its only angles are knee angles whose sign the results do not show"
+        remedy = "name the angles knee_flexion_left and knee_flexion_right in the file, with flexion positive"
+        raise InputError(reference.path, problem, remedy)
     _require_scale(joints, reference)
     require_sides(joints, ours, reference)
     try:

@@ -331,7 +331,7 @@ def _mirrors(look: Look) -> Finding:
 def _still(look: Look) -> Finding:
     moved = [scene.camera.name for scene in look.scenes if scene.background.moved]
     if not moved:
-        return Finding("cameras stay", Level.GREEN, "no camera moved")
+        return Finding("cameras stay", Level.GREEN, "no move found between beginning and end")
     remedy = "track the frames before and after the move separately, with --start and --stop"
     return Finding("cameras stay", Level.YELLOW, f"{', '.join(moved)} {MOVED}", remedy)
 

@@ -131,25 +131,31 @@ def has_moved(model: BackgroundModel, frames_m: Sequence[np.ndarray]) -> bool:
     whether the camera's depth drifted.
 
     frames_m: spread over the recording, in order. The test is that of ``is_outdated``, but compares the first third of
-    the frames with the last third. Return False if the noise was not measured.
+    the frames with the last third, and also uses readings far behind the room, where no person can be. Return False if
+    the noise was not measured. Not found: a move that is undone, a move near the beginning or end, and a move by which
+    the room's surfaces only come nearer by more than ``NEARER_M``, as people do.
     """
     third = len(frames_m) // 3
     if third == 0 or not model.sensor.noise.measured:
         return False
     parts = (frames_m[:third], frames_m[-third:])
-    first, last = (_off_room(model.depth_m, part, model.sensor.noise, model.sensor.step_per_m) for part in parts)
+    first, last = (
+        _off_room(model.depth_m, part, model.sensor.noise, model.sensor.step_per_m, behind_m=np.inf) for part in parts
+    )
     return bool(np.mean(np.abs(last - first) > BACKGROUND_GATE) > OUTDATED_SHARE)
 
 
-def _off_room(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], law: DepthNoise, step_per_m: float) -> np.ndarray:
+def _off_room(
+    depth_m: np.ndarray, frames_m: Sequence[np.ndarray], law: DepthNoise, step_per_m: float, behind_m: float = NEARER_M
+) -> np.ndarray:
     """Return (rows, columns): how many sigmas the readings of each image block lie behind the room (median); NaN with
-    too few readings. Readings farther than ``NEARER_M`` from the room are left out.
+    too few readings. Readings more than ``NEARER_M`` in front of the room or ``behind_m`` behind it are left out.
     """
     known = np.where(depth_m > 0, depth_m, np.float32(1.0))
     # two grey values that differ by one step may stand for the same depth
     sigma = np.maximum(law.sigma_m(known), step_per_m * known**2)
-    near = [(depth_m > 0) & (frame > 0) & (np.abs(frame - depth_m) < NEARER_M) for frame in frames_m]
-    off = [np.where(here, (frame - depth_m) / sigma, np.nan) for here, frame in zip(near, frames_m, strict=True)]
+    beyond = [np.where((depth_m > 0) & (frame > 0), frame - depth_m, np.nan) for frame in frames_m]
+    off = [np.where((one > -NEARER_M) & (one < behind_m), one / sigma, np.nan) for one in beyond]
     return _block_median(np.stack(off))
 
 

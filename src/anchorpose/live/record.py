@@ -49,21 +49,22 @@ def record_live(
         intake.add(recorder.put)
         intake.start()
         say("Recording. Stop with Ctrl+C.")
-        _wait(intake, recorder, seconds, say, stop)
+        said = _wait(intake, recorder, seconds, say, stop)
     finally:
         intake.stop()
         if inlet is not None:
             inlet.stop()
         recorder.abandon()
+    for sentence in intake.failed[said:]:
+        say(sentence)
     if recorder.images == 0:
-        why = "".join(f" ({sentence})" for sentence in intake.failed)
-        raise AnchorposeError(f"No camera gave a depth image{why}; check the cables.")
+        raise AnchorposeError("No camera gave a depth image; check the cables.")
     return recorder.finish(intake.failed)
 
 
-def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> None:
+def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> int:
     """Wait for the end of the recording, and report how it goes; a recorder that gets no more images, as on a nearly
-    full disk, is the end.
+    full disk, is the end. Return how many failures were reported.
     """
     said = 0
     began_s = reported_s = time.monotonic()
@@ -77,6 +78,7 @@ def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callab
             say(f"{recorder.images} depth images in {reported_s - began_s:.0f} s.")
             for camera in intake.feed.silent():
                 say(f"No images come from {intake.cameras[camera].camera.name}: check the cable.")
+    return said
 
 
 def _record_empty_room(

@@ -172,8 +172,9 @@ class Recorder:
         if self.finished:
             return self.folder
         self.abandon()
-        for note in notes:
-            self._note(note.removesuffix("."))
+        with suppress(OSError):  # a full disk must not keep the images from becoming a recording
+            for note in notes:
+                self._note(note.removesuffix("."))
         if self._began is None and self._first_s:  # the first camera gave no image
             self._begin(min(self._first_s))
         self._sync()

@@ -22,7 +22,7 @@ from anchorpose.body.inverse_kinematics import (
 from anchorpose.body.likelihood import likelihood
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, SEGMENT_OF_JOINTS, Pose
 from anchorpose.body.registration import Registration, posterior, register
-from anchorpose.body.rivals import Rival, follow_rivals, rivals_of
+from anchorpose.body.rivals import APART_M, Rival, follow_rivals, rivals_of
 from anchorpose.body.skin_map import map_body
 from anchorpose.body.skin_points import Body, FittedShape, SkinPoints, body_points, build_body, pose_points
 from anchorpose.body.uncertainty import skin_sigma
@@ -313,7 +313,7 @@ class PatientTracker:
         if contradicted(self.body, corrected, given):
             return belief
         if wrong:
-            self._keep_path(corrected.pose)
+            self._keep_path(corrected.pose, belief.pose)
         return corrected
 
     def _search_tree(self) -> GlobalHypothesis:
@@ -360,20 +360,14 @@ class PatientTracker:
             best, self.moved = search.registration, self.moved or search.taken
             self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
         if self.moved:
-            self._keep_path(best.belief.pose)
+            self._keep_path(best.belief.pose, found.belief.pose)
         return best, hypothesis
 
-    def _keep_path(self, pose: Pose) -> None:
-        """Give all past frames the posture of ``pose``, since their limbs were in wrong places and do not move on. Keep
-        the patient's path, which the trunk shows: a patient who walks on behind another person would otherwise be
-        expected to stand still.
-        """
-        base, posture = JOINT_INDEX["SpineBase"], self.body.joints(pose)
-        path = np.array([joints_m[base] for joints_m in self.history])
+    def _keep_path(self, pose: Pose, wrong: Pose) -> None:
+        """Replace the past poses, if ``pose`` corrects ``wrong``: only the path of the trunk is continued."""
+        past_m = corrected_past(np.array(self.history), self.body.joints(pose), self.body.joints(wrong))
         self.history.clear()
-        if len(path) > 1:
-            # places relative to that of ``pose``, if its last step equals the path's last step
-            self.history.extend(posture + (path - path[-1] - (path[-1] - path[-2]))[:, None])
+        self.history.extend(past_m)
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
         """Register the body to the next frame; the ``held`` constraints apply only in the first registration steps."""
@@ -389,3 +383,18 @@ class PatientTracker:
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, self.window.seen)
         pose = pose_from_joints(self.body, pose, joints)
         return posterior(self.body, pose, predicted, self.window[1].evidence, self.config.registration)
+
+
+def corrected_past(past_m: np.ndarray, posture_m: np.ndarray, wrong_m: np.ndarray) -> np.ndarray:
+    """Return joints (k, 21, 3) for the past frames, whose limbs were in wrong places: the correct posture (21, 3) moved
+    along the past path of the trunk, whose last step also leads to ``posture_m``. Without them, a patient who walks on
+    behind another person would be expected to stand still. Metres, world.
+
+    past_m (k, 21, 3): the past joints; wrong_m (21, 3): the joints that ``posture_m`` corrects. The result is empty if
+    the trunk was in a wrong place, too, or if the past has no step.
+    """
+    path_m = past_m[:, JOINT_INDEX["SpineBase"]]
+    trunk_m = np.linalg.norm((posture_m - wrong_m)[JOINT_INDEX["SpineBase"]])
+    if trunk_m > APART_M or len(path_m) < 2:
+        return np.empty((0, *posture_m.shape))
+    return np.asarray(posture_m + (path_m - path_m[-1] - (path_m[-1] - path_m[-2]))[:, None])
