@@ -23,10 +23,11 @@ def test_he_is_lost_and_found_again(name, tmp_path):
     scene = presets.scene(replace(presets.clinic(5, SECONDS[name], FPS), cameras=1), name)
     simulate_recording(tmp_path / "scene", scene)
     (tmp_path / "results").mkdir()
-    place = (0.0, 0.0) if scene.away_s else None  # without equipment nothing else tells him from those who stay longer
-    track_recording(
-        tmp_path / "scene/recording", tmp_path / "results", TrackConfig(patient_xz_m=place), lambda done, total: None
-    )
+    config = TrackConfig()
+    if scene.away_s:  # without equipment, only a given place distinguishes him from people who stay longer
+        there = int(FPS * (SECONDS[name] - 2.0)) if name == "enters-late" else 0
+        config = TrackConfig(patient_xz_m=(0.0, 0.0), patient_frame=there)
+    track_recording(tmp_path / "scene/recording", tmp_path / "results", config, lambda done, total: None)
     joints = read_joints(tmp_path / "results" / JOINTS_FILE)
     with np.load(tmp_path / "scene/truth/truth.npz") as truth:
         seen_px, off_m = truth["patient_pixels"], np.linalg.norm(joints.position_m - truth["joints"], axis=2)
