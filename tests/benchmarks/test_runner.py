@@ -33,7 +33,8 @@ def test_every_probe_of_a_suite_exists_and_quick_takes_fewer_cases(suite):
     every, quick = (cases_of([suite], "tuning", few)[suite] for few in (False, True))
     assert {case.row for case in quick} <= {case.row for case in every}
     assert len(quick) <= len(every)
-    scripts = {script_of(case.probe, working_tree()) for case in every if case.probe is not None}
+    version = working_tree()
+    scripts = {script_of(case.probe, version) for case in every if case.probe is not None}
     assert all(script.is_file() for script in scripts)
 
 
