@@ -139,8 +139,8 @@ class SimulateOptions:
     scene: Scene | None = None
     """A situation in which trackers lose the patient. enters-late: the therapists are there first, the patient walks in
     later. leaves: the patient walks out and comes back. hidden: a curtain hides the patient from all cameras for two
-    seconds. sits: the patient sits down or stands up. If the patient walks or sits, there is no standing frame. Walking
-    out of view and back needs 12 seconds, or 15 with wide-angle sensors or cameras on all sides."""
+    seconds. sits: the patient sits down or stands up. Scenes with a walking or seated patient have no standing frame.
+    Walking out of view and back needs 12 seconds, or 15 with wide-angle sensors or cameras on all sides."""
 
     pose_unknown: bool = False
     """Leave the camera poses out of the recording, so that they must be estimated."""
