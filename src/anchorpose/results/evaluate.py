@@ -15,6 +15,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.contact_scores import ContactEvaluation, score_contacts
+from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.frame_time import runs_of, usual_step_s
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE
@@ -278,13 +279,12 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
-    known = known.frames(kept)
+    known = cut_rows(known, kept)
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
     _require_same_unit(truth, known.time_s, joints.time_s)
     _require_compared(truth, known, match, frames)
-    joints = joints.frames(match[match >= 0])
-    known = known.frames(match >= 0)
+    joints, known = cut_rows(joints, match[match >= 0]), cut_rows(known, match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
     evaluation, rows = compare(joints, known, len(match), frames), np.flatnonzero(kept)[match >= 0]
     evaluation = replace(evaluation, session=score_session(results, truth, joints, known.position_m, rows))

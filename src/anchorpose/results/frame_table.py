@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -26,6 +26,13 @@ number never changes, since the bytes of the file depend on it.
 
 UNKNOWN: Final = -1
 """Value of a flag that is neither 1 (yes) nor 0 (no)."""
+
+
+def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
+    """Return a dataclass with the given rows, a slice, (k,) int or (n,) bool, of all its arrays."""
+    values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
+    arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(table, **arrays)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, slots=True)

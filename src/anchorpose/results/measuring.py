@@ -33,7 +33,7 @@ from anchorpose.results.records import (
 from anchorpose.results.revolute_joints import AXES_FILE, revolute_axes, write_axes
 from anchorpose.results.stand_training.buckles import find_buckles
 from anchorpose.results.stand_training.centre_of_mass import SwayConfig, centre_of_mass, sway_measures
-from anchorpose.results.stand_training.event import Event, EventConfig, beginning_in, event_episodes
+from anchorpose.results.stand_training.event import Event, EventConfig, event_episodes
 from anchorpose.results.stand_training.event_measures import event_measures
 from anchorpose.results.stand_training.extension import (
     ExtensionConfig,
@@ -201,7 +201,8 @@ def measure_session(
         return session, measures
 
     def of_trial(part: Session, rows: slice) -> list[Measure]:
-        return _measures(part, within(moves, rows), within(steps, rows), beginning_in(events, rows), config)
+        begun = within(events, rows, whole=False)
+        return _measures(part, within(moves, rows), within(steps, rows), begun, config)
 
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -76,10 +76,6 @@ class JointTable:
     def lost(self) -> np.ndarray:
         """Return (n, 21) bool: True for lost joints."""
         return self.state_code == LOST
-
-    def frames(self, chosen: slice | np.ndarray) -> JointTable:
-        """Return the table of the chosen frames."""
-        return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:

@@ -147,7 +147,7 @@ def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
     """Return the swings of steps as rows of episodes.parquet: they begin at foot off and end at foot strike."""
     ankles = joints.state_code[:, ANKLES].max(axis=1)
     kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
-    return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
+    return tuple(episode(kinds[step.side], joints, step.frames, ankles[step.frames].max()) for step in steps)
 
 
 def step_measures(session: Session, steps: list[Step]) -> list[Measure]:

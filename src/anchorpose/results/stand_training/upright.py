@@ -31,20 +31,20 @@ extreme value by the noise of a single frame.
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
     """Return the upright bouts as episodes. state (n,): as ``upright`` returns it."""
     return tuple(
-        episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
+        episode(UPRIGHT_EPISODE, joints, run, stance.state_code[run].max())
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
     )
 
 
-def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
-    """Return the frames of ``run`` as an episode; state_code (n,) of the joints by which it is recognised."""
+def episode(kind: str, joints: JointTable, run: slice, worst: int) -> Episode:
+    """Return the frames of ``run`` as an episode; worst: worst state code of the joints by which it is recognised."""
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
         last_frame=int(joints.frame[run.stop - 1]),
         start_s=float(joints.time_s[run.start]),
         end_s=float(joints.time_s[run.stop - 1]),
-        state=tuple(JointState)[int(state_code[run].max())],
+        state=tuple(JointState)[worst],
     )
 
 
@@ -191,7 +191,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
 
 def transition_episodes(joints: JointTable, stance: Stance, found: list[Transition]) -> tuple[Episode, ...]:
     """Return transitions as rows of episodes.parquet."""
-    return tuple(episode(one.kind, joints, stance.state_code, one.frames) for one in found)
+    return tuple(episode(one.kind, joints, one.frames, stance.state_code[one.frames].max()) for one in found)
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
