@@ -13,7 +13,6 @@ from session_builder import measured, squatting_joints, value, why
 
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.events import Trial, Trials
-from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import EVENT_KINDS, Episode, read_episodes, write_episodes
@@ -142,7 +141,7 @@ def test_a_knee_that_is_not_known_well_has_no_event_but_time_unseen():
 
 
 def test_frames_too_far_apart_are_refused():
-    joints = cut_rows(tracked(buckling(30.0, [5.0], 35.0, 0.3), SIGMA_M, 1), slice(None, None, 4))
+    joints = tracked(buckling(30.0, [5.0], 35.0, 0.3), SIGMA_M, 1).frames(slice(None, None, 4))
     found = measured(joints)[1]
     for name, side in (("knee_buckle_count", "left"), ("failed_stand_rate", None), ("recovery_step_latency", "right")):
         assert why(found, name, side) == TOO_SLOW

@@ -9,7 +9,6 @@ from session_builder import measured
 
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
-from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.records import Measure
 from anchorpose.results.session_scores import EventScore, TimeScore, score_events, score_times
 from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_true_events
@@ -44,7 +43,7 @@ def row(value: float | None, sigma: float | None = 1.0, **more: object) -> Measu
 
 
 def test_frames_too_far_apart_have_no_events_to_compare():
-    sparse = cut_rows(tracked(buckling(12.0, [5.0], 35.0, 0.3), 0.001, 1), slice(None, None, 4))
+    sparse = tracked(buckling(12.0, [5.0], 35.0, 0.3), 0.001, 1).frames(slice(None, None, 4))
     assert score_events(measured(sparse)[0], [TrueEvent("knee_buckle_left", 5.0, 5.3, 35.0)]) == ()
 
 

@@ -11,7 +11,6 @@ from session_builder import RATE, contact, measured, squatting_joints, table
 
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trial, TrialColumn, Trials
-from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session, write_measured
 from anchorpose.results.processing import ProcessingConfig
@@ -66,7 +65,7 @@ def test_every_measure_stands_there_for_every_trial_and_every_condition():
 def test_a_trial_is_measured_as_a_recording_of_its_own_frames(number):
     joints = standing()
     rows = trial_rows(FOUR.rows[number - 1], joints.time_s)
-    _, alone = measured(cut_rows(joints, rows))
+    _, alone = measured(joints.frames(rows))
     found = by_trial(joints, FOUR)
     for key, row in alone.items():
         same = found[(number, *key)]
