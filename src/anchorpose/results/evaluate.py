@@ -284,7 +284,7 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
     _require_same_unit(truth, known.time_s, joints.time_s)
     _require_compared(truth, known, match, frames)
-    joints, known = cut_rows(joints, match[match >= 0]), cut_rows(known, match >= 0)
+    joints, known = joints.frames(match[match >= 0]), cut_rows(known, match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
     evaluation, rows = compare(joints, known, len(match), frames), np.flatnonzero(kept)[match >= 0]
     evaluation = replace(evaluation, session=score_session(results, truth, joints, known.position_m, rows))

@@ -13,7 +13,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
-from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
+from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers, cut_rows
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
 
 _STATES: Final = tuple(str(state) for state in JointState)
@@ -76,6 +76,10 @@ class JointTable:
     def lost(self) -> np.ndarray:
         """Return (n, 21) bool: True for lost joints."""
         return self.state_code == LOST
+
+    def frames(self, chosen: slice | np.ndarray) -> JointTable:
+        """Return the table of the chosen frames."""
+        return cut_rows(self, chosen)
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
