@@ -115,17 +115,14 @@ def assistance_measures(session: Session) -> list[Measure]:
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
-    groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
-    parts, persons = sorted({c.part for c in contacts}), sorted({c.toucher for c in contacts})
-    for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
-        groups[key] = []
+    pairs = {(c.part, c.toucher) for c in contacts}
+    persons, parts = sorted({(None, who) for _, who in pairs}), sorted({(part, None) for part, _ in pairs})
+    groups: dict[tuple[str | None, str | None], list[Contact]]
+    groups = {key: [] for key in ((None, None), *persons, *parts, *sorted(pairs))}
     for contact in contacts:
-        for key in ((None, contact.toucher), (contact.part, None), (contact.part, contact.toucher)):
+        for key in product((None, contact.part), (None, contact.toucher)):
             groups[key].append(contact)
-    rows = list[Measure]()
-    for (part, person), some in groups.items():
-        if some or (part, person) == (None, None):
-            rows += _of_group(session, some, part, person)
+    rows = [row for (part, person), some in groups.items() for row in _of_group(session, some, part, person)]
     return rows + _while_upright(session, contacts)
 
 

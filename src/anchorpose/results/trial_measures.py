@@ -42,11 +42,8 @@ def measures_by_trial(
     measures for this person or part are 0 s and 0 contacts. settle_s: time after standing up in which the patient is
     not yet at rest. measure: computes the measures of a cut session.
     """
-    rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
-    return [
-        *(row for each in rows for row in each),
-        *condition_measures(trials, [row for each in rows for row in each]),
-    ]
+    rows = [row for trial in trials.rows for row in _of_trial(session, trial, whole, settle_s, measure)]
+    return [*rows, *condition_measures(trials, rows)]
 
 
 def _of_trial(
@@ -55,8 +52,8 @@ def _of_trial(
     rows = trial_rows(trial, session.joints.time_s)
     if rows.stop - rows.start < LEAST_FRAMES:
         empty: dict[str, Any] = {"value": None, "sigma": None, "frames": 0, "inferred_share": None}
-        empty |= {"why": TOO_FEW_FRAMES}
-        return [replace(row, **empty, condition=trial.condition, trial=trial.number) for row in whole]
+        empty |= {"why": TOO_FEW_FRAMES, "condition": trial.condition, "trial": trial.number}
+        return [replace(row, **empty) for row in whole]
     found = {row.key: row for row in measure(cut_session(session, rows, settle_s, trial.start_s), rows)}
     absent = (_absent(row, found) for row in whole if row.key not in found)
     complete = [*found.values(), *(row for row in absent if row is not None)]
