@@ -47,14 +47,7 @@ from anchorpose.results.stand_training.recovery_steps import find_recovery_steps
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
-from anchorpose.results.stand_training.touch import (
-    NEVER_FOUND,
-    NO_CONTACTS,
-    NO_UPRIGHT,
-    Touch,
-    time_with_sigma,
-    touch_of,
-)
+from anchorpose.results.stand_training.touch import NEVER_FOUND, NO_CONTACTS, NO_UPRIGHT, time_with_sigma, touch_of
 from anchorpose.results.stand_training.tremor import TremorConfig, tremor_measures
 from anchorpose.results.stand_training.upright import (
     Transition,
@@ -84,15 +77,6 @@ from anchorpose.results.trial_measures import measures_by_trial, trial_intervals
 from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE, read_trial_table, write_intervals, write_trials
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
-
-
-def inferred_touch_share(touch: Touch) -> float | None:
-    """Return the share of contacts that no camera sees, as the mean over the frames with any contact; None without such
-    frames.
-    """
-    any_of = touch.at_once > 0
-    return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
-
 
 CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
@@ -129,7 +113,7 @@ def assistance_measures(session: Session) -> list[Measure]:
 def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, person: str | None) -> list[Measure]:
     touch = touch_of(session.joints.frame, contacts).where(session.found)
     time_s, sigma_s = time_with_sigma(touch, session.seconds, session.joints.time_s)
-    frames, shared = int((touch.at_once > 0).sum()), inferred_touch_share(touch)
+    frames, shared = int((touch.at_once > 0).sum()), touch.inferred_share
     side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
     common: dict[str, Any] = {"side": side, "part": part, "person": person, "frames": frames, "inferred_share": shared}
     return [
@@ -150,7 +134,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     at_once = helped.at_once[standing]
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
-    shared = inferred_touch_share(helped)
+    shared = helped.inferred_share
     of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
@@ -267,9 +251,12 @@ def _measures(
     ]
 
 
+POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of angles_processed.parquet
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """The result of measuring a folder. measures: measures of the whole recording; policy: as in ``ProcessedAngles``,
+    """The result of measuring a folder. measures: measures of the whole recording; policy: from ``process_angles``,
     None without processing; trials: the trials that were measured as well, None without trials.
     """
 
@@ -297,9 +284,9 @@ def write_measured(
     contacts, equipment = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
-        processed = process_angles(joints, processing) if processing.active else None
-        if processed is not None:
-            write_processed_angles(work / PROCESSED_FILE, processed)
+        processed, policy = process_angles(joints, processing) if processing.active else (None, None)
+        if processed is not None and policy is not None:
+            write_processed_angles(work / PROCESSED_FILE, processed, {POLICY_KEY: policy})
         angles = joint_angles(joints)
         session, measures = measure_session(joints, angles, contacts, config, trials, equipment)
         write_angles(work / ANGLES_FILE, angles)
@@ -317,7 +304,7 @@ def write_measured(
     finally:
         shutil.rmtree(work, ignore_errors=True)
     whole = tuple(row for row in measures if row.condition is None)
-    return MeasureResult(whole, None if processed is None else processed.policy, trials)
+    return MeasureResult(whole, policy, trials)
 
 
 def processing_sentence(policy: str) -> str:

@@ -140,8 +140,7 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
         raise ValueError(f"{len(values)} frames are too few for a cutoff of {cutoff_hz:g} Hz")
     one_pass_hz = rate_hz / np.pi * np.arctan(np.tan(np.pi * cutoff_hz / rate_hz) / _TWICE)
     sections = butter(_ORDER, one_pass_hz, fs=rate_hz, output="sos")
-    filtered: np.ndarray = sosfiltfilt(sections, values, axis=0)
-    return filtered
+    return sosfiltfilt(sections, values, axis=0)
 
 
 MOST_UNEVEN: Final = 0.25
@@ -263,8 +262,7 @@ def _trial_error(
     around = np.delete(np.arange(span), hidden)
     weights = _weights(steps_s[hidden], steps_s[around])
     tried = np.einsum("ma,sak->smk", weights, position_m[starts[:, None] + around])
-    error: np.ndarray = np.sqrt(np.mean((tried - position_m[starts[:, None] + hidden]) ** 2, axis=(0, 2)))
-    return error
+    return np.sqrt(np.mean((tried - position_m[starts[:, None] + hidden]) ** 2, axis=(0, 2)))
 
 
 Smoothing = Literal["none", "butterworth", "kalman"]
@@ -343,9 +341,9 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
     return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, state_code, sigma_m), processing)
 
 
-def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
-    """Return the angles of the processed joints. An angle counts as filled if one of its joints was filled, else as
-    smoothed if one of its joints was smoothed.
+def process_angles(joints: JointTable, config: ProcessingConfig) -> tuple[ProcessedAngles, str]:
+    """Return the angles of the processed joints, and the policy: the settings and their outcome, as JSON. An angle
+    counts as filled if one of its joints was filled, else as smoothed if one of its joints was smoothed.
     """
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
@@ -358,7 +356,7 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
         for _ in group.names
     ]
     arrays = {field.name: getattr(angles, field.name) for field in fields(angles)}
-    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1), policy=policy_text(config, counts))
+    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1)), policy_text(config, counts)
 
 
 def _smooth(

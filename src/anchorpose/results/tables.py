@@ -187,11 +187,10 @@ PROCESSING: Final = ("measured", "smoothed", "filled")
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and their outcome, as JSON.
+    processing (n, a) int8 index into ``PROCESSING``.
     """
 
     processing: np.ndarray
-    policy: str
 
 
 ANGLES_PROCESSED: Final = FrameTable(
@@ -199,7 +198,6 @@ ANGLES_PROCESSED: Final = FrameTable(
     arrays=ProcessedAngles,
     thing="angle",
     columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING)},
-    text=("policy", "processing_policy"),
     remedy=MEASURE_AGAIN,
 )
 PROCESSED_FILE, read_processed_angles = ANGLES_PROCESSED.file, ANGLES_PROCESSED.read
