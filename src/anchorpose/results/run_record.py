@@ -273,15 +273,12 @@ def note_poor(
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
-        begun = None if at is None else intervals[at]
-        worst = one.amount if begun is None else max(one.amount, begun.worst)
-        first, start_s = (frame, time_s) if begun is None else (begun.first_frame, begun.start_s)
-        why = sentence(PoorDepth(one.camera, one.kind, worst))
-        found = PoorInterval(one.camera, one.kind, first, frame, start_s, time_s, worst, why)
         if at is None:
-            intervals.append(found)
-        else:
-            intervals[at] = found
+            at = len(intervals)
+            intervals.append(PoorInterval(one.camera, one.kind, frame, frame, time_s, time_s, one.amount, ""))
+        worst = max(one.amount, intervals[at].worst)
+        why = sentence(PoorDepth(one.camera, one.kind, worst))
+        intervals[at] = replace(intervals[at], last_frame=frame, end_s=time_s, worst=worst, why=why)
 
 
 def _goes_on(interval: PoorInterval, before: int | None, poor: PoorDepth) -> bool:

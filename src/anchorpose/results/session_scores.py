@@ -133,7 +133,7 @@ def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: 
         first, last = run.start, run.stop - 1
         yield Contact(
             part=part,
-            person="somebody" if with_ == PERSON else None,
+            person="a person" if with_ == PERSON else None,
             with_=with_,
             first_frame=int(frame[first]),
             last_frame=int(frame[last]),

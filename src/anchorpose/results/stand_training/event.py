@@ -89,9 +89,9 @@ def _episode(joints: JointTable, event: Event) -> Episode:
     return replace(found, side=side, depth=event.depth, sigma=event.sigma, unit=event.unit)
 
 
-def fast_enough(time_s: np.ndarray) -> bool:
-    """Return whether the rate of the frames (n,) is high enough to find events; False for a single frame."""
-    return bool(usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S)
+def fast_enough(time_s: np.ndarray, least_hz: float = LEAST_HZ) -> bool:
+    """Return whether the rate of the frames (n,) is high enough, for example to find events; False for one frame."""
+    return bool(usual_step_s(time_s) <= 1.0 / least_hz + ROUNDING_S)
 
 
 ROUNDING_S: Final = 0.001

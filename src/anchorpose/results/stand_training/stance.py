@@ -300,8 +300,7 @@ class Session:
     @property
     def found(self) -> np.ndarray:
         """Return (n,) bool: frames in which any joint was found. In other frames contacts are unknown."""
-        found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
-        return found
+        return self.joints.state_code.min(axis=1) < LOST
 
 
 def known(
