@@ -18,9 +18,8 @@ from anchorpose.results.evaluate import evaluate
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import MEASURES_FILE, Measure, read_trial_measures
-from anchorpose.results.session_scores import SessionEvaluation
+from anchorpose.results.session_scores import SessionEvaluation, TrueEvent, read_true_events
 from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
-from anchorpose.results.true_session import TrueEvent, read_true_events
 from anchorpose.simulate.sessions.plan import SessionConfig
 from anchorpose.simulate.sessions.preset import stimulation
 

@@ -30,14 +30,13 @@ from anchorpose.results.condition_effect import Effect, effects
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session
 from anchorpose.results.records import EVENT_KINDS, Contact, Measure
-from anchorpose.results.session_scores import score_events, score_times, true_joints
+from anchorpose.results.session_scores import TrueEvent, score_events, score_times, true_joints
 from anchorpose.results.stand_training.extension import extension_measures
 from anchorpose.results.stand_training.independence import independence_measures
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.stand_training.tremor import tremor_measures
 from anchorpose.results.tables import JointTable
 from anchorpose.results.trial_measures import measures_by_trial
-from anchorpose.results.true_session import TrueEvent
 from anchorpose.simulate.clinic import Clinic, draw_clinic
 from anchorpose.simulate.sessions.patient import SessionPatient
 from anchorpose.simulate.sessions.plan import PlannedTrial, SessionConfig

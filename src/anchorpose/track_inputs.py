@@ -20,7 +20,7 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.corrections import Corrections, NamedPatient, read_corrections, require_recording
-from anchorpose.results.reviewed_recording import poses_of, reviewed_recording
+from anchorpose.results.reviewed_recording import ReviewedCamera, reviewed_recording
 from anchorpose.results.run_record import CalibrationUsed, as_json, hash_files
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
@@ -154,7 +154,8 @@ def _require_about(given: ReviewFile, recording: Recording, hashes: tuple[tuple[
     """Raise InputError if the corrections were made for another recording or other camera poses, or for frames that do
     not exist.
     """
-    about = reviewed_recording(recording.folder.resolve().name, hashes, poses_of(recording.cameras))
+    cameras = [ReviewedCamera(camera.name, camera.T_world_camera) for camera in recording.cameras]
+    about = reviewed_recording(recording.folder.resolve().name, hashes, cameras)
     require_recording(given.path, given.corrections, about)
     require_frames(given.path, given.corrections, recording)
 

@@ -9,7 +9,7 @@ from scipy import stats
 from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.results import permutation
 from anchorpose.results.condition_effect import effects, scatter_of, spread_of
-from anchorpose.results.permutation import Blocks, holm, neighbours, pairs_needed, permutation_p, trials_needed, usable
+from anchorpose.results.permutation import Blocks, blocks_needed, holm, neighbours, permutation_p, trials_needed, usable
 from anchorpose.results.records import Measure
 
 ABAB = "ABABABABABAB"
@@ -229,7 +229,8 @@ def test_too_few_trials_are_refused_with_the_number_needed(order, words):
 
 
 def test_the_numbers_needed_are_the_smallest_ones():
-    assert [pairs_needed(m) for m in (1, 2, 3)] == [6, 7, 7]
+    pairs = Blocks(np.array([False, True]), np.zeros(2, dtype=int))
+    assert [blocks_needed(pairs, m) for m in (1, 2, 3)] == [6, 7, 7]
     assert [trials_needed(m) for m in (1, 2, 3)] == [4, 5, 5]
     for comparisons in (1, 2, 3, 5):
         n = trials_needed(comparisons)

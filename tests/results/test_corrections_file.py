@@ -22,7 +22,12 @@ from anchorpose.results.corrections import (
     require_recording,
     write_corrections,
 )
-from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, reviewed_recording
+from anchorpose.results.reviewed_recording import (
+    ReviewedCamera,
+    ReviewedRecording,
+    recording_of_run,
+    reviewed_recording,
+)
 from anchorpose.results.run_record import as_json
 
 WHEN = "2026-03-01T09:30:00Z"
@@ -51,9 +56,20 @@ def patient(z: float = 0.3, who: str = "AB") -> NamedPatient:
     return NamedPatient(frame=7, time_s=0.7, position_m=(0.1, 1.1, z), reason="the other one", who=who, when=WHEN)
 
 
+def described(
+    name: str,
+    hashes: tuple[tuple[str, str], ...],
+    poses: dict[str, np.ndarray | None],
+    clocks: dict[str, Clock] | None = None,
+    floor_m: float | None = None,
+) -> ReviewedRecording:
+    cameras = [ReviewedCamera(camera, pose, (clocks or {}).get(camera)) for camera, pose in poses.items()]
+    return reviewed_recording(name, hashes, cameras, floor_m)
+
+
 def reviewed() -> ReviewedRecording:
     clocks = {"front": Clock(), "left": Clock(ahead_s=1.5, drift=-2e-5, at_s=3.0)}
-    return reviewed_recording("ward", HASHES, {"front": POSE, "left": None}, clocks, -0.005)
+    return described("ward", HASHES, {"front": POSE, "left": None}, clocks, -0.005)
 
 
 def written(path: Path) -> Path:
@@ -130,7 +146,7 @@ def test_the_file_keeps_what_it_held_where_writing_fails_or_could_not_be_read_ba
     assert path.read_bytes() == before
     with pytest.raises(ValueError, match="is 0, before first_frame 3"):
         replace(INTERVAL, last_frame=0)
-    endless = Corrections(reviewed_recording("ward", HASHES, {"front": np.full((4, 4), np.nan)}))
+    endless = Corrections(described("ward", HASHES, {"front": np.full((4, 4), np.nan)}))
     with pytest.raises(ValueError, match="JSON"):
         write_corrections(path, endless)
     assert (path.read_bytes(), [file.name for file in tmp_path.iterdir()]) == (before, ["c.json"])
@@ -138,22 +154,20 @@ def test_the_file_keeps_what_it_held_where_writing_fails_or_could_not_be_read_ba
 
 def test_a_recording_is_known_by_its_pictures_and_times_whatever_else_changes() -> None:
     edited = (("recording.json", "f" * 64), *HASHES[1:], ("equipment.json", "e" * 64))
-    assert reviewed_recording("renamed", edited[::-1], {}).sha256 == reviewed().sha256
+    assert described("renamed", edited[::-1], {}).sha256 == reviewed().sha256
     other = (*HASHES[:2], ("front/depth/000000.png", "d" * 64))
-    assert reviewed_recording("ward", other, {}).sha256 != reviewed().sha256
+    assert described("ward", other, {}).sha256 != reviewed().sha256
 
 
 def test_corrections_of_another_recording_or_world_are_refused(tmp_path: Path) -> None:
     found = read_corrections(written(tmp_path / "c.json"))
-    other = reviewed_recording("ward", HASHES[:2], {"front": POSE, "left": None})
+    other = described("ward", HASHES[:2], {"front": POSE, "left": None})
     with pytest.raises(InputError, match=r"another recording \('ward'"):
         require_recording(tmp_path / "c.json", found, other)
     for poses in ({"front": POSE + 0.002, "left": None}, {"front": POSE, "left": POSE}, {"front": POSE}):
         with pytest.raises(InputError, match="another world"):
-            require_recording(tmp_path / "c.json", found, reviewed_recording("ward", HASHES, poses))
-    require_recording(
-        tmp_path / "c.json", found, reviewed_recording("ward", HASHES, {"front": POSE + 5e-4, "left": None})
-    )
+            require_recording(tmp_path / "c.json", found, described("ward", HASHES, poses))
+    require_recording(tmp_path / "c.json", found, described("ward", HASHES, {"front": POSE + 5e-4, "left": None}))
 
 
 def test_the_recording_of_a_run_is_read_from_its_record() -> None:

@@ -36,10 +36,10 @@ def test_run_json_holds_only_what_json_knows():
         colour: Colour
         place: Path
         weights: np.ndarray
-        names: frozenset[str]
+        count: np.int8
 
-    settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), frozenset({"b", "a"}))
-    expected = {"radius_m": 0.5, "colour": "red", "place": "a/b", "weights": [1.0, None], "names": ["a", "b"]}
+    settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), np.int8(3))
+    expected = {"radius_m": 0.5, "colour": "red", "place": "a/b", "weights": [1.0, None], "count": 3}
     assert as_json(settings) == expected
     json.dumps(as_json(settings), allow_nan=False)
 

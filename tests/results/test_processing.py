@@ -10,6 +10,8 @@ from results_builder import standing_joints
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
 from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.measuring import POLICY_KEY
+from anchorpose.results.parquet import read_parquet_schema
 from anchorpose.results.processing import (
     FILLED,
     FIRST_ACCELERATION_M_S2,
@@ -232,16 +234,16 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 
 def test_an_angle_is_as_processed_as_its_joints_and_the_file_states_the_policy(tmp_path):
     table, config = moving(gap=slice(100, 104)), ProcessingConfig(smooth="butterworth", fill="linear")
-    processed = process_angles(table, config)
+    processed, policy_text = process_angles(table, config)
     elbow, knee = (processed.column(name) for name in ("elbow_flexion_left", "knee_flexion_left"))
     assert (processed.processing[100:104, elbow] == FILLED).all()
     assert (processed.processing[:, knee] == SMOOTHED).all()
     path = tmp_path / "angles_processed.parquet"
-    write_processed_angles(path, processed)
+    write_processed_angles(path, processed, {POLICY_KEY: policy_text})
     back = read_processed_angles(path)
     np.testing.assert_array_equal(back.processing, processed.processing)
     np.testing.assert_array_equal(back.degrees, processed.degrees)
-    policy = json.loads(back.policy)
+    policy = json.loads(read_parquet_schema(path).metadata[b"processing_policy"])
     assert (policy["smooth"], policy["cutoff_hz"], policy["fill"], policy["joint_frames_filled"]) == (
         "butterworth",
         6.0,

@@ -10,8 +10,15 @@ from session_builder import measured
 from anchorpose.body.contact_regions import REGIONS
 from anchorpose.errors import InputError
 from anchorpose.results.records import Measure
-from anchorpose.results.session_scores import EventScore, TimeScore, score_events, score_times
-from anchorpose.results.true_session import TrueEvent, read_true_contacts, read_true_events
+from anchorpose.results.session_scores import (
+    EventScore,
+    TimeScore,
+    TrueEvent,
+    read_true_contacts,
+    read_true_events,
+    score_events,
+    score_times,
+)
 
 
 def test_events_are_found_late_missed_on_the_wrong_side_or_false():
@@ -85,11 +92,10 @@ def write_truth(path, **changed):
 def test_true_contacts_are_those_of_any_person_and_no_foot_on_the_floor(tmp_path):
     path = write_truth(tmp_path / "truth.npz")
     rows = np.arange(1, 6)  # the result begins a frame later, and numbers its frames from 100
-    known = read_true_contacts(path, rows, 100 + rows, rows / 10)
-    people, equipment = known.contacts
+    (people, equipment), parts = read_true_contacts(path, rows, 100 + rows, rows / 10)
     assert (people.part, people.person is None, people.first_frame, people.last_frame) == ("knee_left", False, 101, 104)
     assert (equipment.part, equipment.with_, equipment.first_frame) == ("hand_left", "rail-left", 102)
-    assert known.equipment == ("rail-left",)
+    assert parts == ("rail-left",)
     assert read_true_events(path) == (TrueEvent("clonus_left", 1.0, 1.0, 1.0),)
 
 

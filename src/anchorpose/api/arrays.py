@@ -57,11 +57,8 @@ class Setup:
 
     def _document(self, cameras: Sequence[dict[str, Any]]) -> dict[str, Any]:
         document: dict[str, Any] = {"format": "rgbd-recording", "version": 1, "cameras": list(cameras)}
-        stated = {key: value for key, value in asdict(self.subject).items() if value not in (None, ())}
-        if stated:
-            document["subject"] = {
-                key: list(value) if isinstance(value, tuple) else value for key, value in stated.items()
-            }
+        if stated := {key: value for key, value in asdict(self.subject).items() if value not in (None, ())}:
+            document["subject"] = stated
         if self.equipment is not None:
             document["equipment"] = self.equipment.name
         return document
@@ -118,12 +115,11 @@ def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
         problem = f"A depth image of camera {camera.name} has the shape {depth.shape}"
         raise AnchorposeError(f"{problem}; give {(camera.height, camera.width)}, rows first.")
     grey = np.rint(np.where(np.isfinite(depth), depth, 0.0) / camera.depth_scale)
-    if grey.min() < 0 or grey.max() > LARGEST_GREY:
-        farthest_m = LARGEST_GREY * camera.depth_scale
+    if grey.min() < 0:
+        problem = f"Camera {camera.name} has negative depth readings"
+        raise AnchorposeError(f"{problem}; give metres, and 0 for a missing reading.")
+    if grey.max() > LARGEST_GREY:
         problem = f"Camera {camera.name} reads {float(depth[np.isfinite(depth)].max()):g} m"
-        if grey.min() < 0:
-            raise AnchorposeError(
-                f"Camera {camera.name} has negative depth readings; give metres, and 0 for a missing reading."
-            )
+        farthest_m = LARGEST_GREY * camera.depth_scale
         raise AnchorposeError(f"{problem}, and {farthest_m:g} m is the most; give depth in metres.")
     return grey.astype(np.uint16)

@@ -85,7 +85,7 @@ def measure(
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import MeasureConfig, processing_sentence, write_measured
-    from anchorpose.results.trial_input import read_trials_of
+    from anchorpose.results.trial_table import read_trials_of
     from anchorpose.results.verify import MEASURED
 
     given = options or MeasureOptions()

@@ -21,8 +21,7 @@ from anchorpose import rotations
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the dot product (...) of vectors (3, ...)."""
-    product: np.ndarray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -57,8 +56,7 @@ def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
     """Return the arcsine (...) of ``sine``. Values that rounding has moved beyond -1 or 1 count as -1 or 1."""
-    angle: np.ndarray = np.arcsin(np.clip(sine, -1.0, 1.0))
-    return angle
+    return np.arcsin(np.clip(sine, -1.0, 1.0))
 
 
 LEAST_LEVER: Final = 0.2588
@@ -96,18 +94,18 @@ class AngleGroup:
     own_sigma: Callable[[Points], np.ndarray] | None = None
 
 
-def hinge_sigma(points: Points, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
+def hinge_sigma(points: Points, side: str, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
     """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians: the angle
     between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge (elbow or
     knee).
 
-    limb: the joints at its root, hinge and end. aside_rad: standard deviation, between people, of the angle by which
-    limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane through its joints.
+    limb: the joints at its root, hinge and end, without the side. aside_rad: standard deviation, between people, of the
+    angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane
+    through its joints.
     """
-    root, hinge, end = (points[name] for name in limb)
+    root, hinge, end = (points[f"{name}{side}"] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))
-    sigma: np.ndarray = np.arctan2(np.tan(aside_rad), bent)
-    return sigma
+    return np.arctan2(np.tan(aside_rad), bent)
 
 
 class Axes(NamedTuple):

@@ -18,7 +18,6 @@ from anchorpose.results.permutation import (
     blocks_needed,
     holm,
     neighbours,
-    pairs_needed,
     permutation_p,
     trials_needed,
     usable,
@@ -84,26 +83,19 @@ def effects(
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
-    found = [_effect(by_number, trials, (reference, name), len(others)) for name in others]
-    if repeated is not None:
-        found = [
-            each if (each.detectable or 0.0) > repeated else replace(each, detectable=repeated, repeated=True)
-            for each in found
-        ]
-    found = [_allowing(each, (allowed or {}).get(each.condition, 0.0)) for each in found]
-    reasons = untested or {}
-    found = [
-        replace(each, p=None, why=each.why or reasons[each.condition]) if each.condition in reasons else each
-        for each in found
-    ]
-    tested = [each for each in found if each.p is not None]
-    adjusted = dict(zip([t.condition for t in tested], holm([t.p for t in tested if t.p is not None]), strict=True))
+    found = list[Effect]()
+    for name in others:
+        each = _effect(by_number, trials, (reference, name), len(others))
+        if repeated is not None and (each.detectable or 0.0) <= repeated:
+            each = replace(each, detectable=repeated, repeated=True)
+        if more := (allowed or {}).get(name, 0.0):
+            each = replace(each, detectable=(each.detectable or 0.0) + more)
+        if why := (untested or {}).get(name):
+            each = replace(each, p=None, why=each.why or why)
+        found.append(each)
+    p_of = {each.condition: each.p for each in found if each.p is not None}
+    adjusted = dict(zip(p_of, holm(list(p_of.values())), strict=True))
     return [replace(each, p=adjusted.get(each.condition)) for each in found]
-
-
-def _allowing(effect: Effect, allowed: float) -> Effect:
-    """Return the effect with ``allowed`` added to the smallest difference that counts as real."""
-    return replace(effect, detectable=(effect.detectable or 0.0) + allowed) if allowed else effect
 
 
 def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[str, str], comparisons: int) -> Effect:
@@ -123,9 +115,9 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
     blocks = Blocks(treated[chosen], block[chosen])
     spread = spread_of(value, sigma, blocks, systematic_share(used[0].unit))
     difference = float(blocks.weights @ value)
-    reach = None if spread.half is None else (difference - spread.half, difference + spread.half)
     effect = replace(empty, difference=difference, detectable=spread.detectable)
-    effect = effect if reach is None else replace(effect, low=reach[0], high=reach[1])
+    if spread.half is not None:
+        effect = replace(effect, low=difference - spread.half, high=difference + spread.half)
     if np.ptp(value) == 0.0:
         return replace(effect, why="all trials have the same value")
     if blocks.smallest_p >= ALPHA / comparisons:
@@ -156,7 +148,7 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
     reference, treated = int((~blocks.treated).sum()), int(blocks.treated.sum())
     several = "" if comparisons == 1 else f" of {comparisons} comparisons"
     if design == PAIRS:
-        there, needed = f"{len(blocks.members)} pairs", f"{pairs_needed(comparisons)} pairs are"
+        there, needed = f"{len(blocks.members)} pairs", f"{blocks_needed(blocks, comparisons)} pairs are"
     elif design == BLOCKS:
         there, needed = f"{len(blocks.members)} blocks", f"{blocks_needed(blocks, comparisons)} like the first are"
     else:

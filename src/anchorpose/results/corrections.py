@@ -26,8 +26,6 @@ from anchorpose.results.folder import write_text_whole
 from anchorpose.results.reviewed_recording import ReviewedRecording, recording_of_run, same_world
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
-CORRECTIONS_FORMAT: Final = "anchorpose-corrections"
-
 LATEST_FRAME: Final = 2**31 - 1  # largest frame number that the tables can hold (int32)
 SUREST_M: Final = 1e-4
 """Minimum sigma of a corrected joint in m. No reviewer can place a joint more precisely, and the inverse square of a
@@ -294,7 +292,7 @@ def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
 
 def write_corrections(path: Path, corrections: Corrections) -> None:
     """Write corrections.json completely or not at all; raises InputError for corrections that cannot be read back."""
-    document = {"format": CORRECTIONS_FORMAT, "version": 1, **asdict(corrections)}
+    document = {"format": "anchorpose-corrections", "version": 1, **asdict(corrections)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, default=np.ndarray.tolist)
     validate(path, CorrectionsDocument, json.loads(text))
     write_text_whole(path, text + "\n")
@@ -304,8 +302,3 @@ def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
     """Parse one correction in the JSON form of the file. Raises InputError, which names ``path``."""
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found
-
-
-def parse_withdrawal(path: Path, values: dict[str, Any]) -> Withdrawal:
-    """Parse one withdrawal in the JSON form of the file. Raises InputError, which names ``path``."""
-    return validate(path, Withdrawal, values)

@@ -15,6 +15,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, STATE_CODE, JointState
 from anchorpose.recording.recording import half_period_s, nearest_within
 from anchorpose.results.contact_scores import ContactEvaluation, score_contacts
+from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.frame_time import runs_of, usual_step_s
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.records import CONTACTS_FILE
@@ -59,21 +60,22 @@ SEEN_SHARE: Final = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WrongInView:
-    """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place;
-    start_s: when this time began, None if it never happened.
+class LongestError:
+    """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place, or
+    in which any joint was that far off. joint: this joint, None for a limb; start_s: when this time began. Both are
+    None if every joint was always nearer.
     """
 
-    start_s: float | None
-    seconds: float
+    joint: str | None = None
+    start_s: float | None = None
+    seconds: float = 0.0
 
 
 def distance_m(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """Return the distances (n, 21) of the joints from their true places truth_m (n, 21, 3); NaN where either place is
     NaN.
     """
-    distance: np.ndarray = np.linalg.norm(joints.position_m - truth_m, axis=2)
-    return distance
+    return np.linalg.norm(joints.position_m - truth_m, axis=2)
 
 
 def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
@@ -108,7 +110,7 @@ def in_plain_view(truth: Truth) -> dict[str, np.ndarray]:
     return {name: (share[:, limb].mean(axis=1) > PLAIN_VIEW).any(axis=1) for name, limb in LIMBS_JUDGED.items()}
 
 
-def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInView], ...]:
+def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, LongestError], ...]:
     """Return, per limb, the longest time in which the limb was in plain view while one of its joints was over
     ``WRONG_M`` from the joint's true place.
 
@@ -118,19 +120,19 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, WrongInV
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
     return tuple(
-        (name, WrongInView(start_s=start_s, seconds=seconds))
+        (name, _longest_run(off[:, limb].any(axis=1) & visible[name], joints.time_s))
         for name, limb in LIMBS_JUDGED.items()
-        for start_s, seconds in (longest_run(off[:, limb].any(axis=1) & visible[name], joints.time_s),)
     )
 
 
-def longest_run(flags: np.ndarray, time_s: np.ndarray) -> tuple[float | None, float]:
-    """Return the beginning (None if all are False) and the duration, both in s, of the longest unbroken run of True in
-    ``flags`` (n,); time_s (n,).
-    """
+def _longest_run(flags: np.ndarray, time_s: np.ndarray, joint: str | None = None) -> LongestError:
+    """Return the longest unbroken run of True in ``flags`` (n,), the errors of ``joint`` or of a limb; time_s (n,)."""
     period_s = 2.0 * half_period_s(time_s)
-    found = [(float(time_s[run.start]), float(np.ptp(time_s[run]) + period_s)) for run in runs_of(flags)]
-    return max(found, key=lambda run: run[1], default=(None, 0.0))
+    found = [
+        LongestError(joint=joint, start_s=float(time_s[run.start]), seconds=float(np.ptp(time_s[run]) + period_s))
+        for run in runs_of(flags)
+    ]
+    return max(found, key=lambda run: run.seconds, default=LongestError())
 
 
 LEAST_SHARE: Final = 0.1
@@ -140,29 +142,14 @@ accepted, since all of its frames match.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LongestError:
-    """The longest unbroken time in which one joint was over ``WRONG_M`` from its true place; joint: None if every joint
-    was always nearer.
-    """
-
-    joint: str | None
-    start_s: float | None
-    seconds: float
-
-
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     """Return the longest-lasting error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
     A frame in which the joint is lost ends the error. The duration of a frame is the usual time between two frames.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
-    longest = LongestError(joint=None, start_s=None, seconds=0.0)
-    for column, name in enumerate(JOINT_NAMES):
-        start_s, seconds = longest_run(off[:, column], joints.time_s)
-        if seconds > longest.seconds:
-            longest = LongestError(joint=name, start_s=start_s, seconds=seconds)
-    return longest
+    runs = (_longest_run(off[:, column], joints.time_s, name) for column, name in enumerate(JOINT_NAMES))
+    return max(runs, key=lambda run: run.seconds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,10 +202,6 @@ def _mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
-HIDDEN: Final = tuple(state for state in JointState if state not in (JointState.OBSERVED, JointState.LOST))
-"""The states of inferred joints: they are neither observed nor lost."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
     """The errors of some joints in some frames; fields are None if no joints are compared."""
@@ -252,7 +235,7 @@ class Evaluation:
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
-    wrong_in_view: tuple[tuple[str, WrongInView], ...]  # by limb
+    wrong_in_view: tuple[tuple[str, LongestError], ...]  # by limb
     # whether the truth states what each camera saw; if not, limbs count as in plain view except in occluded frames
     view_known: bool
     longest_off: LongestError  # longest unbroken time in which one joint was far from its true place
@@ -278,13 +261,12 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
     kept = known.time_s >= known.time_s[0] + skip_s
     if not kept.any():
         raise InputError(truth, f"ends before the {skip_s:g} s to be skipped", "skip less")
-    known = known.frames(kept)
+    known = cut_rows(known, kept)
     match = nearest_within(known.time_s, joints.time_s, half_period_s(known.time_s))
     frames = int((joints.time_s >= joints.time_s[0] + skip_s).sum())
     _require_same_unit(truth, known.time_s, joints.time_s)
     _require_compared(truth, known, match, frames)
-    joints = joints.frames(match[match >= 0])
-    known = known.frames(match >= 0)
+    joints, known = joints.frames(match[match >= 0]), cut_rows(known, match >= 0)
     require_same_world(truth, joints.position_m, known.position_m)
     evaluation, rows = compare(joints, known, len(match), frames), np.flatnonzero(kept)[match >= 0]
     evaluation = replace(evaluation, session=score_session(results, truth, joints, known.position_m, rows))
@@ -329,6 +311,7 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
     results_frames: numbers of all frames.
     """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
+    observed = codes == STATE_CODE[JointState.OBSERVED]
     occluded, frames = truth.occluded[:, None], np.arange(len(joints.frame))[:, None]
     first, second = (_summary(errors, half) for half in (frames < len(frames) // 2, frames >= len(frames) // 2))
     return Evaluation(
@@ -341,8 +324,8 @@ def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames:
             (name, _summary(errors, np.arange(JOINT_COUNT) == index)) for index, name in enumerate(JOINT_NAMES)
         ),
         per_state=tuple((str(state), _summary(errors, codes == STATE_CODE[state])) for state in JointState),
-        observed=_summary(errors, codes == STATE_CODE[JointState.OBSERVED]),
-        hidden=_summary(errors, np.isin(codes, [STATE_CODE[state] for state in HIDDEN])),
+        observed=_summary(errors, observed),
+        hidden=_summary(errors, ~observed & ~joints.lost),
         truly_seen=None if seen is None else _summary(errors, seen),
         truly_hidden=None if seen is None else _summary(errors, ~seen),
         confident_errors=_mean(confident_errors(joints, truth.position_m)[errors.known]),

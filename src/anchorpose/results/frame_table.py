@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -26,6 +26,13 @@ number never changes, since the bytes of the file depend on it.
 
 UNKNOWN: Final = -1
 """Value of a flag that is neither 1 (yes) nor 0 (no)."""
+
+
+def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
+    """Return a dataclass with the given rows, a slice, (k,) int or (n,) bool, of all its arrays."""
+    values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
+    arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(table, **arrays)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +104,7 @@ class Flags:
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
         """Return the flags (rows,) int8."""
         column = table[self.name].cast(pa.int8()).fill_null(UNKNOWN)
-        flags: np.ndarray = column.to_numpy(zero_copy_only=False).astype(np.int8)
-        return flags
+        return column.to_numpy(zero_copy_only=False).astype(np.int8)
 
 
 Column = Numbers | Codes | Flags
@@ -111,9 +117,8 @@ class FrameTable(Generic[Frames]):
     arrays: the dataclass that holds the table in memory, with frame (n,) int32, time_s (n,) float64 and one array per
     entry of ``columns``, (n, ...) or (n, subjects, ...). thing: the column that names the subject of a row, such as
     "joint"; None if the table has one row per frame. names: the subjects in their order; None if the subjects differ
-    from file to file and are in the field ``names`` of ``arrays``. text: the name of a field that is stored in the
-    file's metadata, and its key there. agree: function that tests whether the numbers and texts of a table are
-    consistent.
+    from file to file and are in the field ``names`` of ``arrays``. agree: function that tests whether the numbers and
+    texts of a table are consistent.
     """
 
     file: str
@@ -121,7 +126,6 @@ class FrameTable(Generic[Frames]):
     columns: Mapping[str, Column]
     thing: str | None = None
     names: tuple[str, ...] | None = None
-    text: tuple[str, str] | None = None
     agree: Callable[[Frames], bool] = lambda _: True
     remedy: str
 
@@ -131,11 +135,11 @@ class FrameTable(Generic[Frames]):
         thing = [pa.field(self.thing, pa.string(), nullable=False)] if self.thing else []
         return pa.schema([*start, *thing, *(each for column in self.columns.values() for each in column.schema())])
 
-    def write(self, path: Path, frames: Frames) -> None:
+    def write(self, path: Path, frames: Frames, metadata: dict[str, str] | None = None) -> None:
         """Write the whole table."""
         schema, arrays = self.schema(), self._arrays(frames)
-        if self.text:
-            schema = schema.with_metadata({self.text[1]: getattr(frames, self.text[0])})
+        if metadata:
+            schema = schema.with_metadata(metadata)
         names: tuple[str, ...] = getattr(frames, "names", ()) if self.names is None else self.names
         with open_parquet(path, schema) as writer:
             for start in range(0, len(arrays["frame"]), FRAMES_PER_ROW_GROUP):
@@ -178,7 +182,7 @@ class FrameTable(Generic[Frames]):
         arrays |= {name: table[name].to_numpy()[order[::count]] for name in ("frame", "time_s")}
         own_names = {"names": names} if self.thing and self.names is None else {}
         self._require_times(path, arrays["frame"], arrays["time_s"])
-        frames = self.arrays(**arrays, **own_names, **self._text(path, table.schema.metadata))
+        frames = self.arrays(**arrays, **own_names)
         if not self.agree(frames):
             raise InputError(path, "has rows whose numbers and state disagree", self.remedy)
         return frames
@@ -217,15 +221,6 @@ class FrameTable(Generic[Frames]):
         for name, column in self.columns.items():
             columns += column.to_arrow(arrays[name])
         return pa.Table.from_arrays(columns, schema=schema)
-
-    def _text(self, path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, str]:
-        if self.text is None:
-            return {}
-        name, key = self.text
-        text = (metadata or {}).get(key.encode())
-        if text is None:
-            raise InputError(path, f"has no '{key}' in its metadata", self.remedy)
-        return {name: text.decode()}
 
 
 def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str], remedy: str) -> np.ndarray:

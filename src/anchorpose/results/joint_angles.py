@@ -231,11 +231,11 @@ def elbow_flexion(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 _HINGES: Final = {
-    hip_rotation: ("Hip* Knee* Ankle*", VARUS_VALGUS_RAD),
-    shoulder_rotation: ("Shoulder* Elbow* Wrist*", CARRYING_RAD),
+    hip_rotation: partial(hinge_sigma, limb=("Hip", "Knee", "Ankle"), aside_rad=VARUS_VALGUS_RAD),
+    shoulder_rotation: partial(hinge_sigma, limb=("Shoulder", "Elbow", "Wrist"), aside_rad=CARRYING_RAD),
 }
-"""For each formula whose angle depends on the plane in which a limb is bent: the limb's joints, and the standard
-deviation in rad of the angle of its sideways bow.
+"""For each formula whose angle depends on the plane in which a limb is bent: the function for ``AngleGroup.own_sigma``,
+with the limb's joints and the standard deviation in rad of the angle of its sideways bow.
 """
 
 
@@ -248,16 +248,11 @@ def _sided(*rows: tuple[str, str, Callable[..., tuple[Reading, ...]]]) -> tuple[
             tuple(f"{name}_{side.lower()}" for name in names.split()),
             tuple(joints.replace("*", side).split()),
             partial(formula, side=side),
-            _own_sigma(side, *_HINGES[formula]) if formula in _HINGES else None,
+            partial(_HINGES[formula], side=side) if formula in _HINGES else None,
         )
         for side in ("Left", "Right")
         for names, joints, formula in rows
     )
-
-
-def _own_sigma(side: str, limb: str, aside_rad: float) -> Callable[[Points], np.ndarray]:
-    root, hinge, end = limb.replace("*", side).split()
-    return partial(hinge_sigma, limb=(root, hinge, end), aside_rad=aside_rad)
 
 
 _HIPS, _SHOULDERS = ("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight")
@@ -342,8 +337,7 @@ def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points
 
 def _shorter_way(angle: np.ndarray) -> np.ndarray:
     """Return the angle, shifted by whole turns into the range from -pi to pi."""
-    turn: np.ndarray = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
-    return turn
+    return angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
 
 
 ANGLE_GROUPS: Final = (*TRUNK, *LEGS, *ARMS)

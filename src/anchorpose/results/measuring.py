@@ -33,7 +33,7 @@ from anchorpose.results.records import (
 from anchorpose.results.revolute_joints import AXES_FILE, revolute_axes, write_axes
 from anchorpose.results.stand_training.buckles import find_buckles
 from anchorpose.results.stand_training.centre_of_mass import SwayConfig, centre_of_mass, sway_measures
-from anchorpose.results.stand_training.event import Event, EventConfig, beginning_in, event_episodes
+from anchorpose.results.stand_training.event import Event, EventConfig, event_episodes
 from anchorpose.results.stand_training.event_measures import event_measures
 from anchorpose.results.stand_training.extension import (
     ExtensionConfig,
@@ -47,14 +47,7 @@ from anchorpose.results.stand_training.recovery_steps import find_recovery_steps
 from anchorpose.results.stand_training.stance import Session, UprightConfig, stance, unknown, upright
 from anchorpose.results.stand_training.steps import Step, find_steps, step_episodes, step_measures
 from anchorpose.results.stand_training.tasks import task_measures
-from anchorpose.results.stand_training.touch import (
-    NEVER_FOUND,
-    NO_CONTACTS,
-    NO_UPRIGHT,
-    Touch,
-    time_with_sigma,
-    touch_of,
-)
+from anchorpose.results.stand_training.touch import NEVER_FOUND, NO_CONTACTS, NO_UPRIGHT, time_with_sigma, touch_of
 from anchorpose.results.stand_training.tremor import TremorConfig, tremor_measures
 from anchorpose.results.stand_training.upright import (
     Transition,
@@ -85,15 +78,6 @@ from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE, read_tri
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
 
-
-def inferred_touch_share(touch: Touch) -> float | None:
-    """Return the share of contacts that no camera sees, as the mean over the frames with any contact; None without such
-    frames.
-    """
-    any_of = touch.at_once > 0
-    return float(np.mean(1.0 - touch.seen[any_of])) if any_of.any() else None
-
-
 CONTACT_MEASURES: Final = (
     ("assistance_time", "s"),
     ("contacts", "count"),
@@ -115,24 +99,21 @@ def assistance_measures(session: Session) -> list[Measure]:
     if contacts is None or not session.found.any():
         why = NO_CONTACTS if contacts is None else NEVER_FOUND
         return [unknown(name, unit, why) for name, unit in CONTACT_MEASURES]
-    groups: dict[tuple[str | None, str | None], list[Contact]] = {(None, None): list(contacts)}
-    parts, persons = sorted({c.part for c in contacts}), sorted({c.toucher for c in contacts})
-    for key in (*((None, who) for who in persons), *((part, None) for part in parts), *product(parts, persons)):
-        groups[key] = []
+    pairs = {(c.part, c.toucher) for c in contacts}
+    persons, parts = sorted({(None, who) for _, who in pairs}), sorted({(part, None) for part, _ in pairs})
+    groups: dict[tuple[str | None, str | None], list[Contact]]
+    groups = {key: [] for key in ((None, None), *persons, *parts, *sorted(pairs))}
     for contact in contacts:
-        for key in ((None, contact.toucher), (contact.part, None), (contact.part, contact.toucher)):
+        for key in product((None, contact.part), (None, contact.toucher)):
             groups[key].append(contact)
-    rows = list[Measure]()
-    for (part, person), some in groups.items():
-        if some or (part, person) == (None, None):
-            rows += _of_group(session, some, part, person)
+    rows = [row for (part, person), some in groups.items() for row in _of_group(session, some, part, person)]
     return rows + _while_upright(session, contacts)
 
 
 def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, person: str | None) -> list[Measure]:
     touch = touch_of(session.joints.frame, contacts).where(session.found)
     time_s, sigma_s = time_with_sigma(touch, session.seconds, session.joints.time_s)
-    frames, shared = int((touch.at_once > 0).sum()), inferred_touch_share(touch)
+    frames, shared = int((touch.at_once > 0).sum()), touch.inferred_share
     side = next((end for end in ("left", "right") if part is not None and part.endswith(f"_{end}")), None)
     common: dict[str, Any] = {"side": side, "part": part, "person": person, "frames": frames, "inferred_share": shared}
     return [
@@ -153,7 +134,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     at_once = helped.at_once[standing]
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
-    shared = inferred_touch_share(helped)
+    shared = helped.inferred_share
     of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
@@ -201,7 +182,8 @@ def measure_session(
         return session, measures
 
     def of_trial(part: Session, rows: slice) -> list[Measure]:
-        return _measures(part, within(moves, rows), within(steps, rows), beginning_in(events, rows), config)
+        begun = within(events, rows, whole=False)
+        return _measures(part, within(moves, rows), within(steps, rows), begun, config)
 
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
 
@@ -269,9 +251,12 @@ def _measures(
     ]
 
 
+POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of angles_processed.parquet
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """The result of measuring a folder. measures: measures of the whole recording; policy: as in ``ProcessedAngles``,
+    """The result of measuring a folder. measures: measures of the whole recording; policy: from ``process_angles``,
     None without processing; trials: the trials that were measured as well, None without trials.
     """
 
@@ -299,9 +284,9 @@ def write_measured(
     contacts, equipment = (read_contacts(path), read_equipment_names(path)) if path.exists() else (None, ())
     work = Path(tempfile.mkdtemp(prefix=".measuring-", dir=results))
     try:
-        processed = process_angles(joints, processing) if processing.active else None
-        if processed is not None:
-            write_processed_angles(work / PROCESSED_FILE, processed)
+        processed, policy = process_angles(joints, processing) if processing.active else (None, None)
+        if processed is not None and policy is not None:
+            write_processed_angles(work / PROCESSED_FILE, processed, {POLICY_KEY: policy})
         angles = joint_angles(joints)
         session, measures = measure_session(joints, angles, contacts, config, trials, equipment)
         write_angles(work / ANGLES_FILE, angles)
@@ -319,7 +304,7 @@ def write_measured(
     finally:
         shutil.rmtree(work, ignore_errors=True)
     whole = tuple(row for row in measures if row.condition is None)
-    return MeasureResult(whole, None if processed is None else processed.policy, trials)
+    return MeasureResult(whole, policy, trials)
 
 
 def processing_sentence(policy: str) -> str:

@@ -152,23 +152,17 @@ def holm(p: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def pairs_needed(comparisons: int = 1) -> int:
-    """Return the minimum number of pairs of trials with which p can fall below 0.05 divided by the number of
-    comparisons; n pairs have 2^n assignments, so the smallest p is 2 / 2^n.
-    """
-    return next(n for n in count(1) if 2.0 / 2**n < ALPHA / comparisons)
-
-
 def trials_needed(comparisons: int = 1) -> int:
-    """Return the minimum number of trials of each condition, all in one block, with which p can fall below the limit in
-    ``pairs_needed``; with n trials each, the smallest p is 2 / (2n choose n).
+    """Return the minimum number of trials of each condition, all in one block, with which p can fall below 0.05 divided
+    by the number of comparisons; with n trials each, the smallest p is 2 / (2n choose n).
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the minimum number of blocks with which p can fall below the limit in ``pairs_needed``, if every block has
-    as many trials of each condition as the first of the given blocks.
+    """Return the minimum number of blocks with which p can fall below the limit in ``trials_needed``, if every block
+    has as many trials of each condition as the first of the given blocks; n pairs have 2^n assignments, so their
+    smallest p is 2 / 2^n.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

@@ -7,6 +7,7 @@ doi:10.2514/3.3166), and a Butterworth filter in a forward and a backward pass.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Final, Literal, NamedTuple
 
@@ -139,8 +140,7 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
         raise ValueError(f"{len(values)} frames are too few for a cutoff of {cutoff_hz:g} Hz")
     one_pass_hz = rate_hz / np.pi * np.arctan(np.tan(np.pi * cutoff_hz / rate_hz) / _TWICE)
     sections = butter(_ORDER, one_pass_hz, fs=rate_hz, output="sos")
-    filtered: np.ndarray = sosfiltfilt(sections, values, axis=0)
-    return filtered
+    return sosfiltfilt(sections, values, axis=0)
 
 
 MOST_UNEVEN: Final = 0.25
@@ -149,25 +149,17 @@ filter needs evenly spaced frames. Recordings with more jitter are refused, not 
 """
 
 
-def evenness(time_s: np.ndarray) -> float:
-    """Return the largest deviation of the time between two frames from the usual time, as a share of the usual time."""
-    step = np.diff(time_s)
-    return float(np.abs(step / np.median(step) - 1.0).max()) if len(step) else 0.0
-
-
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all frames; None
-    if there are fewer frames than ``shortest_frames``.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all of at least
+    ``shortest_frames`` frames.
 
     A frame's sigma becomes the root mean square of the sigmas within half a period of the cutoff frequency if this is
     larger, since the filter spreads the error of a poorly known position to neighbouring frames. Sigma is never
     reduced, since filtering does not remove systematic errors.
     """
-    rate_hz = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-    if not rate_hz or len(time_s) < shortest_frames(rate_hz, cutoff_hz):
-        return None
+    rate_hz = 1.0 / usual_step_s(time_s)
     reach = max(1, round(0.5 * rate_hz / cutoff_hz))
     padded = np.pad(sigma_m, reach, mode="edge")
     near = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
@@ -206,11 +198,11 @@ def fill_gaps(
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
     filled_m, spread, marked = position_m.copy(), sigma_m.copy(), np.zeros(len(time_s), dtype=bool)
-    for start, stop in _gaps(known, time_s, reach, longest_s):
-        missing = np.arange(start, stop)
-        around = np.concatenate([np.arange(start - reach, start), np.arange(stop, stop + reach)])
+    for gap in _gaps(known, time_s, reach, longest_s):
+        missing = np.arange(gap.start, gap.stop)
+        around = np.concatenate([np.arange(gap.start - reach, gap.start), np.arange(gap.stop, gap.stop + reach)])
         weights = _weights(time_s[missing], time_s[around])
-        error_m = _trial_error(time_s, position_m, known, reach, stop - start)
+        error_m = _trial_error(time_s, position_m, known, reach, len(missing))
         if error_m is None:
             continue
         filled_m[missing] = weights @ position_m[around]
@@ -219,17 +211,17 @@ def fill_gaps(
     return Filled(filled_m, spread, marked)
 
 
-def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> list[tuple[int, int]]:
-    """Return the gaps (first row, row after the last) that may be filled: with ``reach`` known rows on either side."""
-    found = []
+def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> Iterator[slice]:
+    """Yield the gaps that may be filled: with ``reach`` known rows on either side."""
     longest_step = longest_even_step_s(time_s)
-    for start, stop in ((run.start, run.stop) for run in runs_of(~known)):
-        first, last = start - reach, stop + reach
-        if first < 0 or last > len(known) or not (known[first:start].all() and known[stop:last].all()):
-            continue
-        if time_s[stop] - time_s[start - 1] <= longest_s and np.diff(time_s[first:last]).max() <= longest_step:
-            found.append((start, stop))
-    return found
+    for gap in runs_of(~known):
+        around = slice(max(gap.start - reach, 0), gap.stop + reach)
+        if (
+            known[around].sum() == 2 * reach
+            and time_s[gap.stop] - time_s[gap.start - 1] <= longest_s
+            and np.diff(time_s[around]).max() <= longest_step
+        ):
+            yield gap
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
@@ -270,14 +262,10 @@ def _trial_error(
     around = np.delete(np.arange(span), hidden)
     weights = _weights(steps_s[hidden], steps_s[around])
     tried = np.einsum("ma,sak->smk", weights, position_m[starts[:, None] + around])
-    error: np.ndarray = np.sqrt(np.mean((tried - position_m[starts[:, None] + hidden]) ** 2, axis=(0, 2)))
-    return error
+    return np.sqrt(np.mean((tried - position_m[starts[:, None] + hidden]) ** 2, axis=(0, 2)))
 
 
 Smoothing = Literal["none", "butterworth", "kalman"]
-
-DEFAULT_CUTOFF_HZ: Final = 6.0
-"""Usual cutoff frequency in Hz for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)."""
 
 
 @settings
@@ -290,7 +278,7 @@ class ProcessingConfig:
     """
 
     smooth: Smoothing = "none"
-    cutoff_hz: Positive = DEFAULT_CUTOFF_HZ
+    cutoff_hz: Positive = 6.0  # Hz, usual for walking and standing (Winter, as for ``_TWICE``)
     jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a hand that turns back in 0.3 s
     fill: Filling = "none"
     longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to turn back
@@ -353,9 +341,9 @@ def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoi
     return ProcessedJoints(JointTable(joints.frame, joints.time_s, position_m, state_code, sigma_m), processing)
 
 
-def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAngles:
-    """Return the angles of the processed joints. An angle counts as filled if one of its joints was filled, else as
-    smoothed if one of its joints was smoothed.
+def process_angles(joints: JointTable, config: ProcessingConfig) -> tuple[ProcessedAngles, str]:
+    """Return the angles of the processed joints, and the policy: the settings and their outcome, as JSON. An angle
+    counts as filled if one of its joints was filled, else as smoothed if one of its joints was smoothed.
     """
     done = process_joints(joints, config)
     counts = {f"joint_frames_{name}": int((done.processing == code).sum()) for code, name in enumerate(PROCESSING)}
@@ -368,20 +356,21 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> ProcessedAng
         for _ in group.names
     ]
     arrays = {field.name: getattr(angles, field.name) for field in fields(angles)}
-    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1), policy=policy_text(config, counts))
+    return ProcessedAngles(**arrays, processing=np.stack(columns, axis=1)), policy_text(config, counts)
 
 
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return smoothed position (n, 3) and sigma (n,) of an unbroken stretch; None if the stretch stays as measured."""
-    if config.smooth == "butterworth":
-        if len(time_s) > 1 and len(time_s) >= shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
-            _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording
-        return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
-    if config.smooth == "kalman" and len(time_s) > 1:
+    if len(time_s) < 2 or config.smooth == "none":
+        return None
+    if config.smooth == "kalman":
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
-    return None
+    if len(time_s) < shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
+        return None
+    _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording
+    return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
 
 
 def _require_even_steps(time_s: np.ndarray, cutoff_hz: float) -> None:
@@ -389,7 +378,7 @@ def _require_even_steps(time_s: np.ndarray, cutoff_hz: float) -> None:
         raise AnchorposeError("a single frame cannot be smoothed; leave --smooth out.")
     _require_cutoff(time_s, cutoff_hz)
     for run in unbroken_runs(np.ones(len(time_s), dtype=bool), time_s, longest_even_step_s(time_s)):
-        uneven = evenness(time_s[run])
+        uneven = float(np.abs(np.diff(time_s[run]) / usual_step_s(time_s[run]) - 1.0).max(initial=0.0))
         if uneven > MOST_UNEVEN:
             raise AnchorposeError(
                 f"steps between frames differ by up to {100 * uneven:.0f} % from the usual one, and the Butterworth "

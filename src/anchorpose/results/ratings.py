@@ -115,10 +115,8 @@ def read_ratings(path: Path) -> Ratings:
         raise InputError(path, "does not have the columns of a rater's scores", REMEDY)
     rows = [_rating(path, number, cells) for number, cells in lines[1:]]
     common = {tuple(cells[4:]) for _, cells in lines[1:]}
-    distinct = len({row.trial for row in rows}) == len(rows) and [row.shown for row in rows] == [
-        *range(1, len(rows) + 1)
-    ]
-    if not rows or len(common) > 1 or not distinct:
+    in_order = [row.shown for row in rows] == list(range(1, len(rows) + 1))
+    if not rows or len(common) > 1 or not in_order or len({row.trial for row in rows}) < len(rows):
         raise InputError(path, "does not have one row per trial, in the order shown, of one rater and session", REMEDY)
     rater, seed, session = common.pop()
     if not seed.isdecimal():

@@ -368,8 +368,7 @@ def read_people(path: Path, frames: Sequence[int] | None = None) -> dict[tuple[i
 
 def frames_of_people(path: Path) -> np.ndarray:
     """Return (k,) int32, increasing: the numbers of the frames that have a label image. The images are not read."""
-    frames: np.ndarray = np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
-    return frames
+    return np.unique(read_any_parquet(path, columns=["frame"])["frame"].to_numpy())
 
 
 class StoredPeople:

@@ -12,7 +12,7 @@ from anchorpose.errors import InputError
 from anchorpose.motion.database import FORMAT, ReferenceClips, join_clips, read_motions, read_skeletons, write_motions
 from anchorpose.recording.regular_file import read_arrays
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.results.frame_time import LONGEST_STEP
+from anchorpose.results.frame_time import longest_even_step_s, unbroken_runs, usual_step_s
 from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
@@ -55,22 +55,20 @@ def clips_of_results(folder: Path) -> ReferenceClips:
     require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)
     remedy = "give a result in which the patient was followed"
-    if len(table.frame) < 2 or not (np.diff(table.time_s) > 0).all():
+    if len(table.frame) < 2:
         raise InputError(folder, "has fewer than two frames, or times that do not increase", remedy)
-    period_s = float(np.median(np.diff(table.time_s)))
-    whole = np.isfinite(table.position_m).all(axis=(1, 2))
-    broken = ~whole[1:] | ~whole[:-1] | (np.diff(table.time_s) > LONGEST_STEP * period_s)
-    pieces = np.split(np.arange(len(whole)), np.flatnonzero(broken) + 1)
-    kept = [piece for piece in pieces if whole[piece].all() and len(piece) * period_s >= SHORTEST_S]
+    period_s, whole = usual_step_s(table.time_s), np.isfinite(table.position_m).all(axis=(1, 2))
+    runs = unbroken_runs(whole, table.time_s, longest_even_step_s(table.time_s))
+    kept = [run for run in runs if (run.stop - run.start) * period_s >= SHORTEST_S]
     if not kept:
         raise InputError(folder, f"has no {SHORTEST_S:g} s without a lost joint or a gap", remedy)
-    name, used = folder.resolve().name, sum(len(piece) for piece in kept)
+    name, used = folder.resolve().name, sum(run.stop - run.start for run in kept)
     note = f"{name}: {len(kept)} clips, {used} frames at {1.0 / period_s:.3g} Hz"
     if used < len(whole):
         note += f"; {len(whole) - used} frames with lost joints or beside gaps left out"
     return ReferenceClips(
-        tuple(table.position_m[piece] for piece in kept),
-        tuple(f"{name} from frame {table.frame[piece[0]]}" for piece in kept),
+        tuple(table.position_m[run] for run in kept),
+        tuple(f"{name} from frame {table.frame[run.start]}" for run in kept),
         (1.0 / period_s,) * len(kept),
         (note,),
     )

@@ -12,7 +12,6 @@ from typing import Annotated, Any, ClassVar, Final
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 
-from anchorpose.camera import Camera
 from anchorpose.recording.document import Text
 from anchorpose.recording.recording import Clock
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M, FARTHEST_TIME_S, CameraPose
@@ -75,8 +74,7 @@ class ReviewedRecording:
 def reviewed_recording(
     name: str,
     inputs_sha256: Iterable[tuple[str, str]],
-    T_world_camera: dict[str, np.ndarray | None],
-    clocks: dict[str, Clock] | None = None,
+    cameras: Iterable[ReviewedCamera],
     floor_height_m: float | None = None,
 ) -> ReviewedRecording:
     """Describe a recording. inputs_sha256: path in the recording folder and hash of each file, as in run.json.
@@ -90,24 +88,21 @@ def reviewed_recording(
         if path.endswith("/timestamps.csv") or path.split("/")[-2:-1] == ["depth"]
     )
     whole = hashlib.sha256("".join(lines).encode()).hexdigest()
-    cameras = tuple(ReviewedCamera(name, pose, (clocks or {}).get(name)) for name, pose in T_world_camera.items())
-    return ReviewedRecording(name, whole, cameras, floor_height_m)
+    return ReviewedRecording(name, whole, tuple(cameras), floor_height_m)
 
 
 def recording_of_run(run: dict[str, Any]) -> ReviewedRecording:
     """Return the recording that a run.json (``read_run``) describes."""
-    poses = {
-        camera["name"]: None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"])
+    cameras = [
+        ReviewedCamera(
+            camera["name"],
+            None if camera["camera_to_world"] is None else np.array(camera["camera_to_world"]),
+            Clock(**camera["clock"]) if camera.get("clock") else None,
+        )
         for camera in run["cameras"]
-    }
-    clocks = {camera["name"]: Clock(**camera["clock"]) for camera in run["cameras"] if camera.get("clock")}
+    ]
     floor_m = run.get("floor_height_m")  # run.json of older versions lacks this entry
-    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), poses, clocks, floor_m)
-
-
-def poses_of(cameras: Iterable[Camera]) -> dict[str, np.ndarray | None]:
-    """Return T_world_camera by name, for ``reviewed_recording``."""
-    return {camera.name: camera.T_world_camera for camera in cameras}
+    return reviewed_recording(run["recording"], run["inputs_sha256"].items(), cameras, floor_m)
 
 
 def same_world(a: dict[str, np.ndarray | None], b: dict[str, np.ndarray | None]) -> bool:

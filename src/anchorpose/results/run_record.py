@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from enum import Enum
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
-import numpy as np
 from pydantic import AfterValidator, Field
+from pydantic_core import to_jsonable_python
 
 from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.errors import InputError
@@ -275,15 +273,12 @@ def note_poor(
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
-        begun = None if at is None else intervals[at]
-        worst = one.amount if begun is None else max(one.amount, begun.worst)
-        first, start_s = (frame, time_s) if begun is None else (begun.first_frame, begun.start_s)
-        why = sentence(PoorDepth(one.camera, one.kind, worst))
-        found = PoorInterval(one.camera, one.kind, first, frame, start_s, time_s, worst, why)
         if at is None:
-            intervals.append(found)
-        else:
-            intervals[at] = found
+            at = len(intervals)
+            intervals.append(PoorInterval(one.camera, one.kind, frame, frame, time_s, time_s, one.amount, ""))
+        worst = max(one.amount, intervals[at].worst)
+        why = sentence(PoorDepth(one.camera, one.kind, worst))
+        intervals[at] = replace(intervals[at], last_frame=frame, end_s=time_s, worst=worst, why=why)
 
 
 def _goes_on(interval: PoorInterval, before: int | None, poor: PoorDepth) -> bool:
@@ -369,20 +364,4 @@ def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
 
 def as_json(value: Any) -> Any:
     """Convert dataclasses, arrays, enums and paths to JSON values; a number that is not finite becomes null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, dict):
-        return {str(key): as_json(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_json(item) for item in value]
-    if isinstance(value, set | frozenset):
-        return sorted(as_json(item) for item in value)
-    if isinstance(value, np.ndarray):
-        return as_json(value.tolist())
-    if isinstance(value, np.generic):
-        return as_json(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Enum):
-        return as_json(value.value)
-    return str(value) if isinstance(value, Path) else value
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda array: array.tolist())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
-from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers
+from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers, cut_rows
 from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
 
 _STATES: Final = tuple(str(state) for state in JointState)
@@ -79,7 +79,7 @@ class JointTable:
 
     def frames(self, chosen: slice | np.ndarray) -> JointTable:
         """Return the table of the chosen frames."""
-        return JointTable(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return cut_rows(self, chosen)
 
 
 def _numbers_agree(joints: JointFrame | JointTable) -> np.ndarray:
@@ -187,11 +187,10 @@ PROCESSING: Final = ("measured", "smoothed", "filled")
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``; policy: the settings and their outcome, as JSON.
+    processing (n, a) int8 index into ``PROCESSING``.
     """
 
     processing: np.ndarray
-    policy: str
 
 
 ANGLES_PROCESSED: Final = FrameTable(
@@ -199,7 +198,6 @@ ANGLES_PROCESSED: Final = FrameTable(
     arrays=ProcessedAngles,
     thing="angle",
     columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING)},
-    text=("policy", "processing_policy"),
     remedy=MEASURE_AGAIN,
 )
 PROCESSED_FILE, read_processed_angles = ANGLES_PROCESSED.file, ANGLES_PROCESSED.read

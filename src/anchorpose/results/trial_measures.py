@@ -8,20 +8,20 @@ each trial, so that the functions for whole recordings also compute the measures
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import chain
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from anchorpose.recording.events import Trial, Trials
+from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.frame_time import frame_seconds
 from anchorpose.results.records import EPISODE_KINDS, Contact, Episode, Measure, MeasureKey
 from anchorpose.results.stand_training.stance import Session
 from anchorpose.results.trial_table import CONTACT, EPISODE, TrialInterval, trial_rows
 from anchorpose.results.uncertainty import systematic_share
 
-Table = TypeVar("Table")
 Found = TypeVar("Found")
 
 LEAST_FRAMES: Final = 2
@@ -42,11 +42,8 @@ def measures_by_trial(
     measures for this person or part are 0 s and 0 contacts. settle_s: time after standing up in which the patient is
     not yet at rest. measure: computes the measures of a cut session.
     """
-    rows = [_of_trial(session, trial, whole, settle_s, measure) for trial in trials.rows]
-    return [
-        *(row for each in rows for row in each),
-        *condition_measures(trials, [row for each in rows for row in each]),
-    ]
+    rows = [row for trial in trials.rows for row in _of_trial(session, trial, whole, settle_s, measure)]
+    return [*rows, *condition_measures(trials, rows)]
 
 
 def _of_trial(
@@ -55,8 +52,8 @@ def _of_trial(
     rows = trial_rows(trial, session.joints.time_s)
     if rows.stop - rows.start < LEAST_FRAMES:
         empty: dict[str, Any] = {"value": None, "sigma": None, "frames": 0, "inferred_share": None}
-        empty |= {"why": TOO_FEW_FRAMES}
-        return [replace(row, **empty, condition=trial.condition, trial=trial.number) for row in whole]
+        empty |= {"why": TOO_FEW_FRAMES, "condition": trial.condition, "trial": trial.number}
+        return [replace(row, **empty) for row in whole]
     found = {row.key: row for row in measure(cut_session(session, rows, settle_s, trial.start_s), rows)}
     absent = (_absent(row, found) for row in whole if row.key not in found)
     complete = [*found.values(), *(row for row in absent if row is not None)]
@@ -99,23 +96,15 @@ def cut_session(session: Session, rows: slice, settle_s: float, onset_s: float) 
     )
 
 
-def cut_rows(table: Table, rows: slice | np.ndarray) -> Table:
-    """Return a dataclass with the given rows, a slice or (k,) int, of all its arrays."""
-    values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
-    arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
-    return replace(table, **arrays)  # type: ignore[type-var]
-
-
-def within(found: Sequence[Found], rows: slice) -> list[Found]:
+def within(found: Sequence[Found], rows: slice, whole: bool = True) -> list[Found]:
     """Return the items whose ``frames`` lie completely in ``rows``; their frames are then counted from the first of
-    these rows.
+    these rows. If not ``whole``, only an item's first frame must lie in ``rows``: an event belongs to the trial in
+    which it begins, even if it ends after that trial.
     """
-    first = rows.start
-    whole = [each for each in found if first <= each.frames.start and each.frames.stop <= rows.stop]  # type: ignore[attr-defined]
-    return [
-        replace(each, frames=slice(each.frames.start - first, each.frames.stop - first))  # type: ignore[attr-defined,type-var]
-        for each in whole
-    ]
+    first, count = rows.start, rows.stop - rows.start
+    shifted = [(one, slice(one.frames.start - first, one.frames.stop - first)) for one in found]  # type: ignore[attr-defined]
+    inside = [(one, part) for one, part in shifted if 0 <= part.start < count and (part.stop <= count or not whole)]
+    return [replace(one, frames=part) for one, part in inside]  # type: ignore[type-var]
 
 
 Interval = TypeVar("Interval", Contact, Episode)

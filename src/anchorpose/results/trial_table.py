@@ -1,9 +1,10 @@
-"""Store the trials of a results folder, and each trial's contacts and episodes, in two tables beside the measures."""
+"""Store the trials of a results folder, and each trial's contacts and episodes, in two tables beside the measures; read
+an events file with the trials of results that exist already.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,10 +14,30 @@ import pyarrow as pa
 
 from anchorpose.errors import InputError
 from anchorpose.recording.document import parse_json
-from anchorpose.recording.events import MOST_TRIALS, UNITS, Trial, TrialColumn, Trials
+from anchorpose.recording.events import (
+    MOST_TRIALS,
+    UNITS,
+    RecordedSpan,
+    Trial,
+    TrialColumn,
+    Trials,
+    read_trials,
+    recorded_span,
+    sidecar_of,
+)
 from anchorpose.recording.recording_file import FARTHEST_TIME_S
+from anchorpose.recording.regular_file import is_there
 from anchorpose.results.corrections import LATEST_FRAME
-from anchorpose.results.parquet import RecordTable, open_parquet, read_any_parquet, require_columns, schema_of
+from anchorpose.results.parquet import (
+    TRACK_AGAIN,
+    RecordTable,
+    open_parquet,
+    read_any_parquet,
+    require_columns,
+    schema_of,
+)
+from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
+from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.settings import LARGEST, Unfit
 
 TRIALS_FILE: Final = "trials.parquet"
@@ -64,18 +85,12 @@ def read_trial_table(path: Path) -> Trials:
             raise InputError(path, f"has an impossible trial in row {number}", TRIALS_REMEDY)
     if not rows or len(rows) > MOST_TRIALS:
         raise InputError(path, f"holds {len(rows)} trials", TRIALS_REMEDY)
-    return Trials(columns, tuple(_trial(row, columns) for row in rows))
-
-
-def _trial(row: dict[str, Any], columns: Sequence[TrialColumn]) -> Trial:
-    return Trial(
-        number=row["trial"],
-        condition=row["condition"],
-        onset_s=row["onset_s"],
-        duration_s=row["duration_s"],
-        start_s=row["start_s"],
-        cells=tuple(row[column.name] for column in columns),
-    )
+    cells = [tuple(row[column.name] for column in columns) for row in rows]
+    trials = [
+        Trial(row["trial"], row["condition"], row["onset_s"], row["duration_s"], row["start_s"], own)
+        for row, own in zip(rows, cells, strict=True)
+    ]
+    return Trials(columns, tuple(trials))
 
 
 def _type_of(column: TrialColumn) -> pa.DataType:
@@ -91,6 +106,29 @@ def _columns(path: Path, metadata: dict[bytes, bytes]) -> tuple[TrialColumn, ...
     if not all(isinstance(text, str) for text in texts) or any(c.unit not in (None, *UNITS) for c in found):
         raise InputError(path, "does not describe its columns by texts and units", TRIALS_REMEDY)
     return found
+
+
+def read_trials_of(results: Path, events: Path) -> tuple[Trials, dict[str, str]]:
+    """Read the trials of an events file, and, by file name, the SHA-256 of this file and of the file that states the
+    units of its columns.
+
+    Raises InputError if a file cannot be used, or if it is unknown when the recording began.
+    """
+    trials = read_trials(events, _span_of(results))
+    files = [file for file in (events, sidecar_of(events)) if is_there(file)]
+    return trials, dict(hash_files(files, events.parent))
+
+
+def _span_of(results: Path) -> RecordedSpan:
+    """Return the start and end of the recording, from run.json or, if all frames were tracked, from joints.parquet."""
+    run: dict[str, Any] = read_run(results / RUN_FILE)
+    if run.get("recorded"):
+        return RecordedSpan(**run["recorded"])
+    config = run.get("config") or {}
+    if config.get("start") or config.get("stop") is not None:
+        problem = "does not state when the recording began, and not all of it was tracked"
+        raise InputError(results / RUN_FILE, problem, f"{TRACK_AGAIN}, with --events")
+    return recorded_span(read_joints(results / JOINTS_FILE).time_s)
 
 
 def trial_rows(trial: Trial, time_s: np.ndarray) -> slice:

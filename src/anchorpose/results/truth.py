@@ -33,11 +33,6 @@ class Truth:
     occluded: np.ndarray
     seen_share: np.ndarray | None = None
 
-    def frames(self, chosen: slice | np.ndarray) -> Truth:
-        """Return the truth of the chosen frames."""
-        seen = None if self.seen_share is None else self.seen_share[chosen]
-        return Truth(self.time_s[chosen], self.position_m[chosen], self.occluded[chosen], seen)
-
 
 def read_truth(path: Path) -> Truth:
     """Read a truth.npz with ``joints`` (t, n, 3), ``names`` (n), ``time`` (t) and optionally ``occluded`` (t) and

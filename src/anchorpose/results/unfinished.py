@@ -175,11 +175,7 @@ def _has_stored(journal: Path) -> bool:
 
 def is_live_session(path: Path) -> bool:
     """Return whether the unfinished run into ``path`` is a live session."""
-    return _is_live(_journal_of(_work_of(path)))
-
-
-def _is_live(journal: Path) -> bool:
-    return os.path.lexists(journal / FIRST_SECONDS)
+    return os.path.lexists(_journal_of(_work_of(path)) / FIRST_SECONDS)
 
 
 def _remedy(path: Path, go_on: str) -> str:
@@ -246,7 +242,7 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
 
 def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
     path, begin_again = results / JOURNAL / BEGUN_FILE, "to begin again, give --overwrite instead of --resume"
-    if _is_live(results / JOURNAL):
+    if os.path.lexists(results / JOURNAL / FIRST_SECONDS):
         raise InputError(results, "is a live session", "finish it with 'anchorpose live --finish'")
     try:
         begun = read_json(path, LARGEST_WITH_HASHES)
@@ -258,8 +254,7 @@ def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
 
 def end_journal(results: Path) -> None:
     """Remove the journal, which only an unfinished run needs."""
-    with suppress(FileNotFoundError):
-        shutil.rmtree(results / JOURNAL)
+    _remove(results / JOURNAL)
 
 
 def _what_changed(before: object, inputs: dict[str, str]) -> str:

@@ -20,6 +20,7 @@ from anchorpose.recording.events import Trial, Trials
 from anchorpose.recording.regular_file import is_there
 from anchorpose.recording.writable import check_place
 from anchorpose.results.corrections import now_utc
+from anchorpose.results.frame_table import cut_rows
 from anchorpose.results.ratings import (
     BEST_SCORE,
     Ratings,
@@ -31,7 +32,7 @@ from anchorpose.results.ratings import (
     require_session,
     write_ratings,
 )
-from anchorpose.results.trial_measures import LEAST_FRAMES, cut_rows
+from anchorpose.results.trial_measures import LEAST_FRAMES
 from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table, trial_rows
 from anchorpose.results.verify import require_own
 from anchorpose.viewer.guarded_server import RATING_PAGE, Response, json_response

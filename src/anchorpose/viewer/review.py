@@ -17,13 +17,14 @@ from filelock import FileLock, Timeout
 
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
+from anchorpose.recording.document import validate
 from anchorpose.results.corrections import (
     Correction,
     Corrections,
     JointCorrection,
+    Withdrawal,
     now_utc,
     parse_correction,
-    parse_withdrawal,
     read_corrections,
     require_recording,
     write_corrections,
@@ -343,7 +344,7 @@ class CorrectionFile:
         """Move a correction to the withdrawn ones. given: ``entry``, the correction exactly as in the file, and
         ``who``, the user's name or initials. Raises InputError, or ValueError if the entry does not exist.
         """
-        withdrawal = parse_withdrawal(Path("correction"), {**given, "when": now_utc()})
+        withdrawal = validate(Path("correction"), Withdrawal, {**given, "when": now_utc()})
         with locked(self.path):
             after = self.current().taken_back(withdrawal)
             write_corrections(self.path, after)

@@ -92,9 +92,8 @@ def _of_side(session: Session, side: str, config: EventConfig) -> Iterator[Event
 
 def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
     window = 2 * round(0.5 * HELD_S / step_s) + 1
-    return np.asarray(
-        gaussian_filter1d(median_filter(degrees, window, mode="nearest"), SMOOTHING_S / step_s, mode="nearest")
-    )
+    without_errors = median_filter(degrees, window, mode="nearest")
+    return gaussian_filter1d(without_errors, SMOOTHING_S / step_s, mode="nearest")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ the height of a standing body's centre of mass differs by 4 mm.
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 from typing import Annotated, Final, NamedTuple
 
 import numpy as np
@@ -62,20 +63,14 @@ PAIRED_SEGMENTS: Final = (
 @cache
 def joint_weights() -> np.ndarray:
     """Return the joints' weights (21,), read only, in the centre of mass. They sum to 1; some may be negative."""
-    paired = (_on_side(segment, side) for segment in PAIRED_SEGMENTS for side in ("Left", "Right"))
     weights = np.zeros(JOINT_COUNT)
-    for segment in (*SINGLE_SEGMENTS, *paired):
+    for segment, side in (*product(SINGLE_SEGMENTS, [""]), *product(PAIRED_SEGMENTS, ["Left", "Right"])):
         for joints, share in ((segment.starts, 1.0 - segment.fraction), (segment.ends, segment.fraction)):
             for name in joints:
-                weights[JOINT_INDEX[name]] += segment.mass * share / len(joints)
+                weights[JOINT_INDEX[name.format(side=side)]] += segment.mass * share / len(joints)
     weights /= weights.sum()  # the sum is 0.9999 because the table is rounded
     weights.setflags(write=False)
     return weights
-
-
-def _on_side(segment: Segment, side: str) -> Segment:
-    starts, ends = (tuple(name.format(side=side) for name in joints) for joints in (segment.starts, segment.ends))
-    return Segment(segment.mass, starts, ends, segment.fraction)
 
 
 SHARED_ERROR: Final = 0.3
@@ -220,8 +215,7 @@ def _with_noise(value: np.ndarray, noise: float) -> np.ndarray:
     to the true sway in quadrature, enlarges the value.
     """
     added = value - np.sqrt(np.maximum(value**2 - noise**2, 0.0))
-    spread: np.ndarray = np.hypot(SCALE_ERROR * value, added)
-    return spread
+    return np.hypot(SCALE_ERROR * value, added)
 
 
 def _row(name: str, value: float | None, sigma: float | None, state_code: np.ndarray, config: SwayConfig) -> Measure:

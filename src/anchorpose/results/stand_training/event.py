@@ -14,9 +14,9 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field
 
-from anchorpose.joints import JointState
 from anchorpose.results.frame_time import usual_step_s
 from anchorpose.results.records import Episode
+from anchorpose.results.stand_training.upright import episode
 from anchorpose.results.tables import JointTable
 from anchorpose.settings import Positive, settings
 
@@ -84,35 +84,14 @@ def event_episodes(joints: JointTable, events: Sequence[Event]) -> tuple[Episode
 
 
 def _episode(joints: JointTable, event: Event) -> Episode:
-    first, last = event.frames.start, event.frames.stop - 1
     side = next((side for side in ("left", "right") if event.kind.endswith(f"_{side}")), None)
-    return Episode(
-        kind=event.kind,
-        first_frame=int(joints.frame[first]),
-        last_frame=int(joints.frame[last]),
-        start_s=float(joints.time_s[first]),
-        end_s=float(joints.time_s[last]),
-        state=tuple(JointState)[event.state_code],
-        side=side,
-        depth=event.depth,
-        sigma=event.sigma,
-        unit=event.unit,
-    )
+    found = episode(event.kind, joints, event.frames, event.state_code)
+    return replace(found, side=side, depth=event.depth, sigma=event.sigma, unit=event.unit)
 
 
-def beginning_in(events: Sequence[Event], rows: slice) -> list[Event]:
-    """Return the events whose onset lies in ``rows``; their frames are then counted from the first of these rows.
-
-    An event belongs to the trial in which it begins, even if it ends after that trial.
-    """
-    first = rows.start
-    shifted = [(event, slice(event.frames.start - first, event.frames.stop - first)) for event in events]
-    return [replace(event, frames=frames) for event, frames in shifted if 0 <= frames.start < rows.stop - first]
-
-
-def fast_enough(time_s: np.ndarray) -> bool:
-    """Return whether the rate of the frames (n,) is high enough to find events; False for a single frame."""
-    return bool(usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S)
+def fast_enough(time_s: np.ndarray, least_hz: float = LEAST_HZ) -> bool:
+    """Return whether the rate of the frames (n,) is high enough, for example to find events; False for one frame."""
+    return bool(usual_step_s(time_s) <= 1.0 / least_hz + ROUNDING_S)
 
 
 ROUNDING_S: Final = 0.001

@@ -4,6 +4,7 @@ motion.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Annotated, Final, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.ndimage import median_filter
 from anchorpose.results.frame_time import longest_dropped_s, unbroken_runs, usual_step_s
 from anchorpose.results.records import Measure
 from anchorpose.results.stand_training.centre_of_mass import CentreOfMass
-from anchorpose.results.stand_training.stance import ANKLES, Angle, Session, known, unknown
+from anchorpose.results.stand_training.stance import ANKLES, SIDES, Angle, Session, known, unknown
 from anchorpose.results.tables import JointTable
 from anchorpose.results.uncertainty import (
     ANGLE_SHARE,
@@ -41,11 +42,8 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
     """Return the mean, least and greatest flexion of each knee and hip while the patient stands, and the time for which
     each knee is straight.
     """
-    rows = list[Measure]()
-    for angle in EXTENDED:
-        for side in ("left", "right"):
-            rows += _flexion(session, angle, side)
-    return rows + [_straight_time(session, side, config.straight_deg) for side in ("left", "right")]
+    rows = [row for angle in EXTENDED for side in SIDES for row in _flexion(session, angle, side)]
+    return rows + [_straight_time(session, side, config.straight_deg) for side in SIDES]
 
 
 def known_upright(session: Session, name: str) -> tuple[np.ndarray, Angle]:
@@ -113,7 +111,7 @@ def symmetry_measures(session: Session) -> list[Measure]:
 
 def _difference(session: Session, angle: str) -> Measure:
     measure = f"{angle}_difference"
-    (left_known, left), (right_known, right) = (known_upright(session, f"{angle}_{side}") for side in ("left", "right"))
+    (left_known, left), (right_known, right) = (known_upright(session, f"{angle}_{side}") for side in SIDES)
     used = left_known & right_known
     if not used.any():
         return unknown(measure, "deg", NOT_UPRIGHT_WITH)
@@ -188,7 +186,7 @@ def range_measures(session: Session) -> list[Measure]:
     """Return, for every joint's angle and side, the range of the angle in degrees (measure ``ANGLE_range``). The
     measure has no value if the joint moved by no more than the errors of its angle.
     """
-    names = [(angle, side) for angle in SIDED for side in ("left", "right")] + [(angle, None) for angle in UNSIDED]
+    names = [*product(SIDED, SIDES), *product(UNSIDED, [None])]
     return [_range(session, angle, side) for angle, side in names]
 
 

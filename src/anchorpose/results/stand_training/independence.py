@@ -20,7 +20,7 @@ from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import runs_of_known
 from anchorpose.results.records import Contact, Measure, with_people
 from anchorpose.results.stand_training.event import NO_ONSET, latency_sigma_s
-from anchorpose.results.stand_training.stance import Session, Stance, hold, known, unknown
+from anchorpose.results.stand_training.stance import SIDES, Session, Stance, hold, known, unknown
 from anchorpose.results.stand_training.touch import (
     NEVER_FOUND,
     NO_CONTACTS,
@@ -34,7 +34,6 @@ from anchorpose.results.uncertainty import ANGLE_SHARE, systematic_sigma
 from anchorpose.settings import settings
 
 NOT_KNOWN: Final = "the patient was never known to be upright with this part's angle known"
-SIDES: Final = ("left", "right")
 
 _Degrees = Annotated[float, Field(gt=0, lt=90)]
 
@@ -169,7 +168,7 @@ def _extension(session: Session, part: _Part) -> list[Measure]:
     names = {f"{name}_{what}": unit for what, unit in _EXTENSION.items()}
     if not found.is_known.any():
         return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
-    rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0)), _latency(session, part, found)]
+    rows = [_row(session, part, f"{name}_time", found, (found.frames, 0.0)), _latency(session, part, found)]
     if session.helping is None:
         return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[2:]]
     rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.helping)))
@@ -177,7 +176,7 @@ def _extension(session: Session, part: _Part) -> list[Measure]:
     if session.supports is None:
         return rows + [unknown(measure, names[measure], NO_EQUIPMENT, part.side) for measure in alone]
     free = _free(session, part, found, (*session.helping, *session.supports))
-    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
+    runs = runs_of_known(free[0], found.decided, session.joints.time_s)
     codes = found.codes[found.is_known]
     return [
         *rows,
@@ -221,17 +220,9 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     return known(name, "s", value, codes, latency_sigma_s(time_s, float(sigma_s)), part.side)
 
 
-class _Free(NamedTuple):
-    """The frames in which a part is extended without contact. frames (n,) bool: extended, and no contact is reported;
-    unsure_s: seconds in which it is uncertain whether there was a contact.
-    """
-
-    frames: np.ndarray
-    unsure_s: float
-
-
-def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
-    """Return the frames in which the part is extended and has none of the ``contacts``.
+def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> tuple[np.ndarray, float]:
+    """Return (n,) bool: frames in which the part is extended and none of the ``contacts`` with it is reported; and the
+    seconds in which it is uncertain whether a contact existed.
 
     A frame is uncertain in three cases: a reported contact that no camera sees may not exist; a contact with an unseen
     part may be missing; a person's hand that is reported beside the part may be on it.
@@ -243,21 +234,28 @@ def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Co
     joints = [JOINT_INDEX[name] for name in part.joints]
     hidden = (session.joints.state_code[:, joints] != OBSERVED).any(axis=1)
     unsure = np.where(touched, 1.0 - touch.seen, hidden | beside)
-    return _Free(found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum()))
+    return found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum())
 
 
 OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
-def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
-    """Return a measure: the total time of the frames of ``free``, or the time of their longest unbroken bout if
-    ``longest``.
+def _row(
+    session: Session, part: _Part, measure: str, found: _Extended, free: tuple[np.ndarray, float], longest: bool = False
+) -> Measure:
+    """Return a measure: the total time of the frames in ``free`` (see ``_free``), or the time of their longest unbroken
+    bout if ``longest``.
     """
-    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
-    bouts_s = [float(session.seconds[run][free.frames[run]].sum()) for run in runs]
-    value = max(bouts_s, default=0.0) if longest else float(session.seconds[free.frames].sum())
-    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), free.unsure_s)))
+    frames, unsure_s = free
+    runs = runs_of_known(frames, found.decided, session.joints.time_s)
+    value = _longest_s(session, frames, runs) if longest else float(session.seconds[frames].sum())
+    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), unsure_s)))
     return known(measure, "s", value, found.codes[found.is_known], sigma, part.side)
+
+
+def _longest_s(session: Session, frames: np.ndarray, runs: Sequence[slice]) -> float:
+    """Return the longest time of the ``frames`` (n,) bool in one of the runs; 0 without runs."""
+    return max((float(session.seconds[run][frames[run]].sum()) for run in runs), default=0.0)
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
@@ -275,14 +273,14 @@ def _unaided(session: Session) -> list[Measure]:
     ``hands_free_upright_time``.
     """
     names = {"hands_free_upright_bouts": "count", "hands_free_upright_longest": "s"}
-    why = _why_unknown(session, NO_CONTACTS if session.helping is None else None)
-    if why is not None or session.helping is None:
-        return [unknown(name, unit, str(why)) for name, unit in names.items()]
-    touch = touch_of(session.joints.frame, session.helping)
+    helping = session.helping
+    if helping is None or not session.upright.any():
+        return [unknown(name, unit, _why_unknown(session, helping, NO_CONTACTS)) for name, unit in names.items()]
+    touch = touch_of(session.joints.frame, helping)
     free = session.upright & session.found & (touch.at_once == 0)
     is_known = session.found & (session.posture.upright != UNKNOWN)
     runs = runs_of_known(free, is_known, session.joints.time_s)
-    longest_s = max((float(session.seconds[run][free[run]].sum()) for run in runs), default=0.0)
+    longest_s = _longest_s(session, free, runs)
     touched = session.upright & (touch.at_once > 0)
     unsure_s = float(((1.0 - touch.seen) * session.seconds)[touched].sum())
     codes = session.stance.state_code[session.upright]
@@ -293,12 +291,9 @@ def _unaided(session: Session) -> list[Measure]:
     ]
 
 
-def _why_unknown(session: Session, why: str | None) -> str | None:
-    if why is not None:
-        return why
-    if not session.found.any():
-        return NEVER_FOUND
-    return None if session.upright.any() else NO_UPRIGHT
+def _why_unknown(session: Session, contacts: Sequence[Contact] | None, without: str) -> str:
+    """Return the reason why no time upright has a value: ``without``, if the contacts are unknown, comes first."""
+    return without if contacts is None else NO_UPRIGHT if session.found.any() else NEVER_FOUND
 
 
 HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no_hands_time")
@@ -311,11 +306,11 @@ def _holding(session: Session) -> list[Measure]:
     If a hand is lost and has no reported contact in a frame, this frame counts for none of the three times. A hand that
     is hidden or lost makes all three times uncertain.
     """
-    why = _why_unknown(session, NO_EQUIPMENT if session.supports is None else None)
-    if why is not None or session.supports is None:
-        return [unknown(name, "s", str(why)) for name in HOLDING]
+    supports = session.supports
+    if supports is None or not session.upright.any():
+        return [unknown(name, "s", _why_unknown(session, supports, NO_EQUIPMENT)) for name in HOLDING]
     touches = [
-        touch_of(session.joints.frame, [c for c in session.supports if c.part in (f"hand_{side}", f"forearm_{side}")])
+        touch_of(session.joints.frame, [c for c in supports if c.part in (f"hand_{side}", f"forearm_{side}")])
         for side in SIDES
     ]
     codes = session.joints.state_code[:, [JOINT_INDEX["HandLeft"], JOINT_INDEX["HandRight"]]]

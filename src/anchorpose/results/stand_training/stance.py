@@ -80,6 +80,7 @@ def stance_state(joints: JointTable) -> np.ndarray:
 
 
 ANKLES: Final = [JOINT_INDEX["AnkleLeft"], JOINT_INDEX["AnkleRight"]]
+SIDES: Final = ("left", "right")
 OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
@@ -123,14 +124,9 @@ def _behind_feet(position_m: np.ndarray, mass_m: np.ndarray) -> np.ndarray:
 
 def _leg_length(joints: JointTable) -> float:
     """Return the length in metres from hip to ankle along a straight leg; NaN if both legs are known in no frame."""
-    bones = [
-        (f"{a}{side}", f"{b}{side}") for side in ("Left", "Right") for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))
-    ]
-    lengths = [
-        np.linalg.norm(joints.position_m[:, JOINT_INDEX[a]] - joints.position_m[:, JOINT_INDEX[b]], axis=1)
-        for a, b in bones
-    ]
-    whole = 0.5 * np.sum(lengths, axis=0)
+    legs = [[JOINT_INDEX[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle")] for side in ("Left", "Right")]
+    bones_m = np.diff(joints.position_m[:, legs], axis=2).reshape(-1, 4, 3)
+    whole = 0.5 * np.linalg.norm(bones_m, axis=2).sum(axis=1)
     known = whole[np.isfinite(whole)]
     return float(np.median(known)) if len(known) else float("nan")
 
@@ -247,9 +243,8 @@ class Session:
     def angle(self, name: str) -> Angle:
         """Return the angle with this name in all frames; raises ValueError for an unknown name."""
         column = self.angles.column(name)
-        return Angle(
-            *(rows[:, column] for rows in (self.angles.degrees, self.angles.sigma_deg, self.angles.state_code))
-        )
+        angles = self.angles
+        return Angle(angles.degrees[:, column], angles.sigma_deg[:, column], angles.state_code[:, column])
 
     @property
     def helping(self) -> tuple[Contact, ...] | None:
@@ -305,8 +300,7 @@ class Session:
     @property
     def found(self) -> np.ndarray:
         """Return (n,) bool: frames in which any joint was found. In other frames contacts are unknown."""
-        found: np.ndarray = self.joints.state_code.min(axis=1) < LOST
-        return found
+        return self.joints.state_code.min(axis=1) < LOST
 
 
 def known(

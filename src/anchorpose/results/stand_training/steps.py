@@ -69,13 +69,10 @@ def find_steps(joints: JointTable, upright: np.ndarray) -> list[Step]:
     found = list[Step]()
     for run in unbroken_runs(known, joints.time_s, longest_dropped_s(joints.time_s)):
         if run.stop - run.start > 3:
-            paths = {side: _smooth(place[run], SMOOTHING_S / step_s) for side, place in ankles.items()}
+            width = SMOOTHING_S / step_s
+            paths = {side: gaussian_filter1d(at[run], width, axis=0, mode="nearest") for side, at in ankles.items()}
             found += _in_run(paths, joints.time_s[run], run.start)
     return sorted(found, key=lambda step: step.frames.start)
-
-
-def _smooth(place_m: np.ndarray, width: float) -> np.ndarray:
-    return np.asarray(gaussian_filter1d(place_m, width, axis=0, mode="nearest"))
 
 
 def _in_run(paths: dict[str, np.ndarray], time_s: np.ndarray, first: int) -> list[Step]:
@@ -147,7 +144,7 @@ def step_episodes(joints: JointTable, steps: list[Step]) -> tuple[Episode, ...]:
     """Return the swings of steps as rows of episodes.parquet: they begin at foot off and end at foot strike."""
     ankles = joints.state_code[:, ANKLES].max(axis=1)
     kinds = {"left": STEP_LEFT, "right": STEP_RIGHT}
-    return tuple(episode(kinds[step.side], joints, ankles, step.frames) for step in steps)
+    return tuple(episode(kinds[step.side], joints, step.frames, ankles[step.frames].max()) for step in steps)
 
 
 def step_measures(session: Session, steps: list[Step]) -> list[Measure]:

@@ -17,12 +17,10 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.results.frame_table import UNKNOWN
 from anchorpose.results.frame_time import longest_dropped_s, runs_of_known, unbroken_runs, usual_step_s
 from anchorpose.results.records import SIT_TO_STAND, Measure
-from anchorpose.results.stand_training.stance import ANKLES, OTHER_SIDE, Session, facing, known, unknown
+from anchorpose.results.stand_training.stance import ANKLES, OTHER_SIDE, SIDES, Session, facing, known, unknown
 from anchorpose.results.stand_training.upright import Transition, TransitionConfig, transitions
 from anchorpose.results.uncertainty import JOINT_SHARE, NORMAL_95, systematic_sigma
 from anchorpose.rotations import unit
-
-SIDES: Final = ("left", "right")
 
 TIMES: Final = 5  # number of rises in the test
 LONGEST_SEATED_S: Final = 2.0

@@ -31,6 +31,14 @@ class Touch(NamedTuple):
         """Return the touches, with none outside of the given frames (n,) bool."""
         return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
+    @property
+    def inferred_share(self) -> float | None:
+        """Return the share of contacts that no camera sees, as the mean over the frames with any contact; None without
+        such frames.
+        """
+        any_of = self.at_once > 0
+        return float(np.mean(1.0 - self.seen[any_of])) if any_of.any() else None
+
 
 def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
     """Return the touches at frames (n,), increasing; a contact's first and last frame belong to it."""

@@ -15,7 +15,7 @@ from pydantic import Field
 from anchorpose.joints import STATE_CODE, JointState
 from anchorpose.results.frame_time import longest_dropped_s, recorded_seconds, unbroken_runs, usual_step_s
 from anchorpose.results.records import STEP_LEFT, STEP_RIGHT, Measure
-from anchorpose.results.stand_training.event import ROUNDING_S
+from anchorpose.results.stand_training.event import ROUNDING_S, fast_enough
 from anchorpose.results.stand_training.stance import Session, known, unknown
 from anchorpose.settings import Positive, settings
 
@@ -73,7 +73,7 @@ def tremor_measures(session: Session, config: TremorConfig) -> list[Measure]:
 def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> list[Measure]:
     names = {f"tremor_{joint}_{what}": unit for what, unit in UNITS.items()}
     (degrees, _, codes), time_s = session.angle(f"{JOINTS[joint]}_{side}"), session.joints.time_s
-    if not usual_step_s(time_s) <= 1.0 / LEAST_HZ + ROUNDING_S:
+    if not fast_enough(time_s, LEAST_HZ):
         return [unknown(name, unit, TOO_SLOW, side) for name, unit in names.items()]
     windows = list(_windows(time_s, degrees, np.isfinite(degrees) & (codes == SEEN) & ~_stepping(session)))
     if not windows:

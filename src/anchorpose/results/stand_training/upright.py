@@ -31,20 +31,20 @@ extreme value by the noise of a single frame.
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
     """Return the upright bouts as episodes. state (n,): as ``upright`` returns it."""
     return tuple(
-        episode(UPRIGHT_EPISODE, joints, stance.state_code, run)
+        episode(UPRIGHT_EPISODE, joints, run, stance.state_code[run].max())
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
     )
 
 
-def episode(kind: str, joints: JointTable, state_code: np.ndarray, run: slice) -> Episode:
-    """Return the frames of ``run`` as an episode; state_code (n,) of the joints by which it is recognised."""
+def episode(kind: str, joints: JointTable, run: slice, worst: int) -> Episode:
+    """Return the frames of ``run`` as an episode; worst: worst state code of the joints by which it is recognised."""
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
         last_frame=int(joints.frame[run.stop - 1]),
         start_s=float(joints.time_s[run.start]),
         end_s=float(joints.time_s[run.stop - 1]),
-        state=tuple(JointState)[int(state_code[run].max())],
+        state=tuple(JointState)[worst],
     )
 
 
@@ -68,11 +68,10 @@ def time_measures(session: Session) -> list[Measure]:
         ("unknown_time", max(total - known_s, 0.0), len(seconds)),
     )
     codes = state_code[is_known]
+    why = None if total else NO_TIME
     rows = [
-        Measure(
-            measure=name, unit="s", value=seconds_s if total else None, frames=frames, why=None if total else NO_TIME
-        )
-        for name, seconds_s, frames in times
+        Measure(measure=name, unit="s", value=value if total else None, frames=frames, why=why)
+        for name, value, frames in times
     ]
     if not known_s:
         why = NEVER_KNOWN if total else NO_TIME
@@ -191,7 +190,7 @@ def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: T
 
 def transition_episodes(joints: JointTable, stance: Stance, found: list[Transition]) -> tuple[Episode, ...]:
     """Return transitions as rows of episodes.parquet."""
-    return tuple(episode(one.kind, joints, stance.state_code, one.frames) for one in found)
+    return tuple(episode(one.kind, joints, one.frames, stance.state_code[one.frames].max()) for one in found)
 
 
 def transition_measures(session: Session, found: list[Transition]) -> list[Measure]:
@@ -251,11 +250,9 @@ def _transition(
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1], JOINT_SHARE)))
     noise /= abs(end_level - start_level)  # now as a share of the height's change, like ``edge``
     shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
-    lengths = list[float]()
-    for edge in (config.edge, config.edge + shake, config.edge - shake):
-        first, last = _moving(way, middle, edge)
-        lengths.append(float(time_s[before.start + last] - time_s[before.start + first]))
-    first, last = _moving(way, middle, config.edge)
+    moves = [_moving(way, middle, edge) for edge in (config.edge, config.edge + shake, config.edge - shake)]
+    lengths = [float(time_s[before.start + last] - time_s[before.start + first]) for first, last in moves]
+    first, last = moves[0]
     step = usual_step_s(time_s[before.start : after.stop])
     off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # effect of ``noise`` on duration
     sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # error of sampling: ends lie between frames
