@@ -298,8 +298,8 @@ class MadeSource:
             camera or SourceCamera(name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens),
         )
 
-    def frames(self, skip):
-        for k in range(skip[0], len(self._times)):
+    def frames(self):
+        for k in range(len(self._times)):
             yield SourceFrame(0, self._times[k], self._grey[k])
 
 
@@ -324,9 +324,9 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
 
 def test_files_that_were_added_meanwhile_survive_a_conversion_that_is_refused(monkeypatch, tmp_path):
     class Visited(MadeSource):
-        def frames(self, skip):
+        def frames(self):
             (tmp_path / "out" / "notes.txt").write_text("mine")
-            yield from super().frames(skip)
+            yield from super().frames()
 
     with pytest.raises(InputError, match="record or export it again"):
         convert_made(monkeypatch, tmp_path, Visited(tmp_path / "f", [0.0, 33.333, 66.667]))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -188,7 +188,7 @@ class AzureKinectFile:
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+    def frames(self) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
         Raises InputError if the file has no depth image that can be read, or if reading the file fails.
@@ -201,9 +201,8 @@ class AzureKinectFile:
             whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
             for packet in self._in_order(whole):
                 count += 1
-                if count > skip[0]:
-                    time_us = self.start_us + round((packet.pts or 0) * tick_us)
-                    yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
+                time_us = self.start_us + round((packet.pts or 0) * tick_us)
+                yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
         if not count:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 

@@ -5,7 +5,7 @@ cameras and depth images. A recorder is any other program or device that records
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.document import read_text
-from anchorpose.recording.regular_file import open_regular
+from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_text
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 
 MILLIMETRE_M: Final = 0.001
 
@@ -92,9 +92,8 @@ class Source(Protocol):
     path: Path
     cameras: tuple[SourceCamera, ...]
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file, reading one at a time. skip: number of images to leave out
-        at the beginning, for each camera.
+    def frames(self) -> Iterator[SourceFrame]:
+        """Yield the depth images in the order of the file, reading one at a time.
 
         A damaged image is left out with a note; raises InputError if the rest of the file cannot be read.
         """
@@ -168,6 +167,15 @@ def open_source(path: Path) -> Source:
 def _head(path: Path) -> bytes:
     with open_regular(path) as file:
         return file.read(HEAD_BYTES)
+
+
+def json_object(path: Path) -> dict[str, Any] | None:
+    """Return the object in a JSON file; None if the file cannot be read or holds anything else."""
+    try:
+        values = parse_json(read_bounded(path, LARGEST_BYTES))
+    except (Unreadable, ValueError):
+        return None
+    return values if isinstance(values, dict) else None
 
 
 def finite(value: Any) -> float | None:
