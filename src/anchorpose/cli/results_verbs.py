@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say, show_table
+from anchorpose.cli.console import log_event, say, show_table
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, between, positive
@@ -81,7 +81,6 @@ def measure(
     by
         Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import MeasureConfig, processing_sentence, write_measured
@@ -133,7 +132,6 @@ def export(
     by
         Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.exports.exporting import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
 
     exported = export_results(results, parse_formats(to), options or ExportConfig(), output, overwrite)
@@ -187,7 +185,6 @@ def report(
     by
         With one session: your initials or pseudonym, for the log that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import open_page, progress_bar, say
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, between, positive, whole
@@ -244,7 +244,6 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
     out
         The folder to write: a recording in recording/ and the true joints in truth/truth.npz.
     """
-    from anchorpose.cli.console import progress_bar
     from anchorpose.results.folder import naming_place
     from anchorpose.simulate.write import simulate_recording
 
@@ -285,7 +284,6 @@ def demo(
     seconds = QUICK_SECONDS if quick else DEMO_SECONDS
     # printed before the imports, which take seconds
     say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
-    from anchorpose.cli.console import open_page
     from anchorpose.cli.evaluate_verbs import print_evaluation
     from anchorpose.report.page import REPORT_FILE
 
@@ -300,7 +298,6 @@ def demo(
 
 def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
     """Write the recording, its results and their errors into ``out``, which appears when everything is complete."""
-    from anchorpose.cli.console import progress_bar
     from anchorpose.pipeline import track_recording
     from anchorpose.results.evaluate import evaluate
     from anchorpose.results.evaluation_file import write_evaluation

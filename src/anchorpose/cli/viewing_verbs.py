@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import OnConsole, counter, say
 from anchorpose.cli.settings_file import SettingsFile, tracking_settings
 from anchorpose.errors import AnchorposeError
 from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
@@ -103,7 +103,6 @@ def view(
         curves are shown.
     """
     from anchorpose.api.recording_input import as_recording
-    from anchorpose.cli.console import OnConsole
     from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
@@ -189,7 +188,6 @@ def inspect(
         The folder to write; by default inspect-<frame> in the current folder.
     """
     from anchorpose.api.recording_input import as_recording
-    from anchorpose.cli.console import OnConsole, counter
     from anchorpose.cli.track_verbs import parse_patient
     from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder

@@ -17,7 +17,7 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.exports.formats import (
-    STATES,
+    STATE_CODES,
     Product,
     Samples,
     Source,
@@ -36,7 +36,6 @@ from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 
 WORLD: Final = "world"
 CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
-_STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +78,7 @@ def channels_of(samples: Samples) -> list[Channel]:
 def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: np.ndarray) -> list[Channel]:
     kinds = (
         ("sigma", units, "one standard deviation of the error" + (" along each axis" if units == "m" else ""), sigma),
-        ("state", "n/a", f"how it is known: {_STATE_CODES}", state_code),
+        ("state", "n/a", f"how it is known: {STATE_CODES}", state_code),
     )
     return [
         Channel(f"{name}_{kind}", "n/a", "MISC", name, unit, meaning, values[:, number])

@@ -17,7 +17,7 @@ from threading import Condition, Thread
 from typing import Any, Final
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.joints import JOINT_NAMES, LIMBS, STATE_NAMES
 from anchorpose.live.markers import TakeMarker, plain_text
 from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.frame_table import UNKNOWN
@@ -151,7 +151,7 @@ def describe_live(has_markers: bool = False) -> dict[str, Any]:
         "markers": has_markers,
         "joints": list(JOINT_NAMES),
         "limbs": [list(limb) for limb in LIMBS],
-        "states": [str(state) for state in JointState],
+        "states": list(STATE_NAMES),
         "angles": list(ANGLE_NAMES),
     }
 
