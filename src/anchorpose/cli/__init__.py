@@ -12,14 +12,14 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.console import say
+from anchorpose.cli.demo_verb import demo
 from anchorpose.cli.evaluate_verbs import evaluate, reliability
 from anchorpose.cli.live_verbs import live, record
 from anchorpose.cli.recording_verbs import calibrate, check, convert, equipment, motions
 from anchorpose.cli.research_verbs import benchmark, experiment
-from anchorpose.cli.results_verbs import export, measure, report, verify
+from anchorpose.cli.results_verbs import export, measure, report, sync, verify
 from anchorpose.cli.settings_file import fill_from_file
-from anchorpose.cli.simulation_verbs import demo, simulate
-from anchorpose.cli.sync_verbs import sync
+from anchorpose.cli.simulation_verbs import simulate
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
