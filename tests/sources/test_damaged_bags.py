@@ -138,7 +138,9 @@ def test_messages_of_other_topics_are_left_out(tmp_path: Path, monkeypatch: pyte
     bag = open_bag(depth_bag(tmp_path, form="ros1"))
     asked = bag.channels[0].topic
     assert len({channel.topic for channel in bag.channels}) > 1
-    monkeypatch.setattr(bag, "_on", lambda topics: list(bag._channels))
+    (file,) = bag._files
+    read = file._read
+    monkeypatch.setattr(file, "_read", lambda numbers: read(list(file._connections)))
     found = list(bag.messages((asked,)))
     assert found
     assert {message.channel.topic for message in found} == {asked}

@@ -50,7 +50,10 @@ class Recorder:
         empty room and patient are also valid for the new recording. Raises InputError if ``folder`` cannot be written.
         """
         self.folder, self._stack = folder, ExitStack()
-        _make_room(folder)
+        with new_folder(folder.resolve(), folder):
+            if any(folder.iterdir()):
+                remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
+                raise InputError(folder, "exists and is not empty", remedy)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
         self._writers = [self._stack.enter_context(CameraWriter(folder / one.camera.name, one)) for one in cameras]
         if about is not None:
@@ -269,13 +272,6 @@ def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
     notes = [f"camera {name} {LEFT_OUT}it gave no depth image" for name in gone]
     found["notes"] = [*found.get("notes", []), *notes]
     write_text_whole(document, json.dumps(found, indent=1) + "\n")
-
-
-def _make_room(folder: Path) -> None:
-    with new_folder(folder.resolve(), folder):
-        if any(folder.iterdir()):
-            remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
-            raise InputError(folder, "exists and is not empty", remedy)
 
 
 def _copy_about(about: Path, folder: Path) -> dict[str, Any]:

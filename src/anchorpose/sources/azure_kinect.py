@@ -27,7 +27,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics, LensModel
 from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import open_regular
-from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame
+from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame, finite
 
 if TYPE_CHECKING:
     from av import Packet, VideoStream
@@ -132,10 +132,8 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 def _radius(camera: dict) -> float | None:
     """Return the largest sqrt(x² + y²) / z of a ray for which the lens was calibrated; None if unknown."""
-    radius = camera.get("MetricRadius")
-    if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
-        return None
-    return float(radius)
+    radius = finite(camera.get("MetricRadius"))
+    return radius if radius is not None and radius > 1e-4 else None
 
 
 EBML: Final = b"\x1a\x45\xdf\xa3"  # first bytes of a Matroska file

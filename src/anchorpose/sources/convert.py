@@ -150,32 +150,21 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
     plan = make_plan(sources, options)
-    with new_folder(out.resolve().parent, out):
-        return _convert(inputs, sources, plan, out, options, progress)
-
-
-def _convert(
-    inputs: Sequence[Path],
-    sources: Sequence[Source],
-    plan: Plan,
-    out: Path,
-    options: ConvertOptions,
-    progress: Progress,
-) -> Converted:
-    begun = conversion_document(inputs, options)
     refusal: AnchorposeError | None = None
-    with one_thread(), _claimed(out, begun):
-        try:
-            counts, notes = _write_images(sources, plan, out, options, progress)
-        except AnchorposeError as error:
-            refusal = error
-        else:
-            notes = (*(note for source in sources for note in source.notes), *notes)
-            _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the input files cause this error, so the user is not advised to resume
-        if is_untouched(out):
-            shutil.rmtree(out)
-        raise refusal
+    with new_folder(out.resolve().parent, out):
+        begun = conversion_document(inputs, options)
+        with one_thread(), _claimed(out, begun):
+            try:
+                counts, notes = _write_images(sources, plan, out, options, progress)
+            except AnchorposeError as error:
+                refusal = error
+            else:
+                notes = (*(note for source in sources for note in source.notes), *notes)
+                _finish(out, begun, plan, counts, notes)
+        if refusal is not None:  # the input files cause this error, so the user is not advised to resume
+            if is_untouched(out):
+                shutil.rmtree(out)
+            raise refusal
     return Converted(tuple((name, count) for name, count in counts.items() if count), (*notes, *plan.notes))
 
 
