@@ -95,6 +95,10 @@ def parse_intrinsics(text: str) -> tuple[float, float, float, float]:
     return fx, fy, cx, cy
 
 
+def _as_intrinsics(kind: Any, tokens: Sequence[Token]) -> tuple[float, float, float, float]:
+    return parse_intrinsics(tokens[0].value)
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConvertOptions:
@@ -102,12 +106,7 @@ class ConvertOptions:
 
     intrinsics: Annotated[
         tuple[float, float, float, float] | None,
-        Parameter(
-            converter=lambda kind, tokens: parse_intrinsics(tokens[0].value),
-            n_tokens=1,
-            metavar="STR",
-            allow_leading_hyphen=True,
-        ),
+        Parameter(converter=_as_intrinsics, n_tokens=1, metavar="STR", allow_leading_hyphen=True),
     ] = None
     """The lens as fx,fy,cx,cy in pixels of the depth image, for files that have none."""
 
