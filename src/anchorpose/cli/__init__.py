@@ -85,19 +85,12 @@ def main(tokens: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if tokens is None else tokens
 
     def work() -> object:
-        _require_text(given)
+        for token in given:  # neither tables nor JSON can hold a file's name that is not text
+            if not is_utf8(token):
+                raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
         return app(given, exit_on_error=False, print_error=False, result_action="return_value")
 
     return exit_code_of(work)
-
-
-def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for an argument that is not text in UTF-8, since neither tables nor JSON can hold such file
-    names.
-    """
-    for token in tokens:
-        if not is_utf8(token):
-            raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
 
 
 def exit_code_of(work: Callable[[], object]) -> int:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from anchorpose.batch.worker import KERNELS
 from anchorpose.cli.console import progress_bar, say, show_table
@@ -125,7 +125,7 @@ def score(
     against: Path | None = None,
     real: Path | None = None,
     labels: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Path | None = None,
 ) -> None:
     """Score the answers of any method, print the figures with a row for the leader board, and write them as JSON.
 

@@ -183,12 +183,10 @@ class SimulateOptions:
                 settings = stimulation(self.seed, SessionConfig(**self.session.given), self.fps)
             elif self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius or DEFAULT_HOLE_M, seconds, self.fps)
-            elif self.preset == "rehabilitation":
-                settings = presets.clinic(self.seed, seconds, self.fps)
             elif self.preset == "room":
                 settings = presets.room(self.seed, seconds, self.fps, self.movements)
             else:
-                preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
+                preset = presets.single if self.preset == "single" else presets.clinic
                 settings = preset(self.seed, seconds, self.fps)
             chosen = {name: value for name, value in given.items() if value is not None}
             if self.preset == "room" and (chosen.keys() - {"pose_known"} or self.scene):

@@ -29,7 +29,7 @@ from anchorpose.exports.formats import (
 from anchorpose.exports.regular_time import near_in_time, nominal_rate_hz
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
-from anchorpose.recording.events import Trial, TrialColumn, Trials
+from anchorpose.recording.events import MISSING, Trial, TrialColumn, Trials
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
@@ -169,7 +169,6 @@ EVENT_TYPES: Final = {
 
 BIDS_VERSION: Final = "1.10.0"
 TRACKING_SYSTEM: Final = "anchorpose"
-MISSING: Final = "n/a"
 
 _README: Final = """Joint centres and joint angles of one person, found by anchorpose {version} in depth recordings.
 

@@ -145,7 +145,7 @@ class PageOutput:
         self._thread.join()
 
 
-def describe_live(has_markers: bool = False) -> dict[str, Any]:
+def describe_live(has_markers: bool) -> dict[str, Any]:
     """Return the values that the page needs before the first frame, for JSON; has_markers: as in ``PageOutput``."""
     return {
         "markers": has_markers,

@@ -92,8 +92,8 @@ class Recorder:
             return "their times are not later than those of the images before"
         self.images += 1
         self._unsynced.append(path)
-        if self.images % ROOM_EVERY == 0:
-            self._require_free()
+        if self.images % ROOM_EVERY == 0 and shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
+            raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
         return None
 
     def _follow_clock(self, image: LiveImage) -> float:
@@ -197,10 +197,6 @@ class Recorder:
     def _write_document(self) -> None:
         write_text_whole(self.folder / UNFINISHED_FILE, json.dumps(self._document, indent=1) + "\n")
 
-    def _require_free(self) -> None:
-        if shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
-            raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
-
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
             with suppress(OSError):  # failed syncing is tried again after ``SYNC_S``, or at the end
@@ -251,12 +247,18 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove the incomplete images of a camera; return whether the camera has complete images."""
+    """Remove the images of a camera whose row in timestamps.csv was not written before the recorder was cut off; return
+    whether the camera has complete images. Files with other names belong to the user and stay.
+    """
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")
     with CameraWriter(folder, CameraPlan(camera=camera)) as writer:
         written = writer.written
-    _remove_without_row(folder)
+    lines = read_text(folder / "timestamps.csv").split()[1:]
+    known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
+    for file in (folder / "depth").iterdir():
+        if file.name not in known and IMAGE_NAME.fullmatch(file.name):
+            file.unlink()
     return written > 0
 
 
@@ -295,14 +297,3 @@ def copy_equipment(file: Path, about: Path, folder: Path) -> None:
         target = folder / path.relative_to(about)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
-
-
-def _remove_without_row(folder: Path) -> None:
-    """Remove images whose row in timestamps.csv was not written before the recorder was cut off. Files with other names
-    belong to the user and stay.
-    """
-    lines = read_text(folder / "timestamps.csv").split()[1:]
-    known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
-    for file in (folder / "depth").iterdir():
-        if file.name not in known and IMAGE_NAME.fullmatch(file.name):
-            file.unlink()

@@ -196,25 +196,16 @@ class AzureKinectFile:
         with _opened(self.path) as container:
             stream, _ = _depth_track(self.path, container)
             tick_us = Fraction(stream.time_base or 0) * 1_000_000
-            whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
-            for packet in self._in_order(whole):
+            for packet in self._in_order(container.demux(stream), 2 * camera.width * camera.height):
                 count += 1
                 time_us = self.start_us + round((packet.pts or 0) * tick_us)
                 yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
         if not count:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
-    def _whole_images(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes and a time."""
-        for packet in packets:
-            if packet.size == size and packet.pts is not None and packet.pts >= 0:
-                yield packet
-            elif packet.size:  # an empty packet marks the end of the file
-                self.left_out += 1
-
-    def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Yield the packets, but leave out packets with a damaged time: a time that is later than the next packet's, or
-        not later than the previous packet's.
+    def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
+        """Yield the packets that hold an image of ``size`` bytes. Packets with a damaged time are left out: with a time
+        that is later than the next packet's, or not later than the previous packet's.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.
@@ -222,8 +213,10 @@ class AzureKinectFile:
         held: Packet | None = None
         held_time = before = -1
         for packet in packets:
-            time = packet.pts or 0
-            if time > held_time:
+            time = -1 if packet.pts is None else packet.pts
+            if packet.size != size or time < 0:
+                self.left_out += packet.size > 0  # an empty packet marks the end of the file
+            elif time > held_time:
                 if held is not None:
                     yield held
                 held, held_time, before = packet, time, held_time
