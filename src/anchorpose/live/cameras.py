@@ -29,7 +29,6 @@ from anchorpose.recording.regular_file import Unreadable, read_bounded
 from anchorpose.sources.plan import CameraPlan, folder_name
 
 WIDTH, HEIGHT, RATE_HZ = 848, 480, 30
-NO_IMAGE: Final = f"no image came for {STALL_S:.0f} s; check its cable"
 GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system_time")
 """Clock domains of librealsense that give times on the computer's clock, so that an image's age is known."""
 
@@ -55,7 +54,7 @@ class RealSense:
                 depth = frames.get_depth_frame() if arrived else None
                 if not depth:
                     if now_s - last_s > STALL_S:
-                        raise AnchorposeError(NO_IMAGE)
+                        raise AnchorposeError(f"no image came for {STALL_S:.0f} s; check its cable")
                     continue
                 last_s = now_s
                 grey = np.array(np.asanyarray(depth.get_data()), np.uint16)
@@ -162,7 +161,8 @@ class Orbbec:
                 yield LiveImage(0, number, device_us / 1e6, taken_s, grey)
                 header = self._read(orbbec_process.HEADER.size)
             if not stop.is_set():
-                raise AnchorposeError(NO_IMAGE if self._stalled else _why_ended(self.process, self.errors))
+                stalled = f"no image came for {STALL_S:.0f} s; check its cable" if self._stalled else ""
+                raise AnchorposeError(stalled or _why_ended(self.process, self.errors))
         finally:
             self.process.kill()
             watching.join()
