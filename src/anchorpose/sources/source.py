@@ -224,19 +224,14 @@ OTHERS_OWN: Final = (
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return a description and a workaround for a file that only the vendor's software reads; None for other files."""
-    if _is_zed(path, head):
+    """Return a description and a workaround for a file that only the vendor's software reads; None for other files.
+
+    Of a ZED camera, an .svo2 file is an MCAP file that states its writer; an .svo file is recognised only by its name.
+    """
+    named = path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
+    if b"stereolabs" in head[:256] if head.startswith(b"\x89MCAP0\r\n") else named:
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",
             "export depth as 16-bit PNG with Stereolabs' ZED SDK (its SVO export sample), and convert their folder",
         )
     return next(((problem, remedy) for mark, problem, remedy in OTHERS_OWN if head.startswith(mark)), None)
-
-
-def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a file is the recording of a ZED camera: an .svo2 file is an MCAP file that states its writer; an
-    .svo file is recognised only by its name.
-    """
-    if head.startswith(b"\x89MCAP0\r\n"):
-        return b"stereolabs" in head[:256]
-    return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
