@@ -13,8 +13,9 @@ import numpy as np
 from anchorpose.body.contact_regions import region_of_points
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.isolation.other_place import without_other_places
+from anchorpose.joints import LOST, STATE_CODE
 from anchorpose.live.feed import LiveSet
-from anchorpose.live.output import Outputs, live_frame, people_in
+from anchorpose.live.output import LiveFrame, Outputs, people_in
 from anchorpose.live.stored import MAKE_ROOM, LivePatient, instead_of_resuming
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
@@ -133,8 +134,15 @@ class LiveFollower:
         for estimate in estimates:
             taken_s = self._taken_s.pop(estimate.frame_set.frame)
             if live:
-                frame = replace(
-                    live_frame(estimate, taken_s),
+                codes = np.array([STATE_CODE[state] for state in estimate.states], np.int8)
+                frame = LiveFrame(
+                    frame=estimate.frame_set.frame,
+                    time_s=estimate.frame_set.time_s,
+                    taken_s=taken_s,
+                    joints_m=estimate.joints_m,
+                    sigma_m=estimate.sigma_m,
+                    state_code=codes,
+                    why_lost=estimate.why_lost if (codes == LOST).all() else "",
                     touched=self._touched,
                     holding=self._holding,
                     dropped=self.latency.dropped + dropped,

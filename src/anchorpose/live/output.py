@@ -15,10 +15,9 @@ from anchorpose import __version__
 from anchorpose.errors import MissingPackage
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_NAMES, LOST, STATE_CODE, STATE_NAMES
+from anchorpose.joints import JOINT_NAMES, STATE_NAMES
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import AngleTable, JointTable
-from anchorpose.tracker.estimate import Estimate
 
 if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
@@ -109,23 +108,6 @@ class Output(Protocol):
     def close(self) -> None:
         """Close the output: no more frames follow."""
         ...
-
-
-def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """Return the values that outputs send, taken from an estimate (the result of tracking a frame); taken_s: as in
-    ``LiveFrame``.
-    """
-    frame_set = estimate.frame_set
-    codes = np.array([STATE_CODE[state] for state in estimate.states], np.int8)
-    return LiveFrame(
-        frame_set.frame,
-        frame_set.time_s,
-        taken_s,
-        estimate.joints_m,
-        estimate.sigma_m,
-        codes,
-        estimate.why_lost if (codes == LOST).all() else "",
-    )
 
 
 class Outputs:

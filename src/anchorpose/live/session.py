@@ -183,18 +183,22 @@ class _Session:
         """Return the person with this number as the new patient, whose body is learnt from newly recorded first
         seconds. If this fails, return None; the present patient is then still followed.
         """
-        patient = before.patient.number + 1
+        room, patient = before.patient.prepared.run.room, before.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
             if number not in places:
                 raise AnchorposeError(f"Person {number} is not in view now.")
             recording = self.first_seconds.record(f"patient-{patient}-{time.time_ns()}", "the new patient")
-            recorded = in_room(recording.folder, before.patient.prepared.run.room)
+            recorded = in_room(recording.folder, room)
         except AnchorposeError:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
         backlog = Backlog(self.intake.feed, recorded.cameras)
-        prepared = self._learn(recording, before, places[number])
+        prepared = None
+        try:
+            prepared = self.first_seconds.learn_named(recording, room, places[number], before.patient_xz_m)
+        except AnchorposeError as error:  # the session continues
+            self.user.say(str(error))
         if prepared is None:
             self.user.say(
                 "That person cannot be distinguished from the patient, or no body fits them; the patient is as before."
@@ -206,17 +210,6 @@ class _Session:
         new = self.begin(prepared)
         self._catch_up(new, backlog)
         return new
-
-    def _learn(self, recording: Recording, now: LiveFollower, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the body of the person at a place. Return None if this fails; errors are caught, too, so that the
-        session continues.
-        """
-        room, before_xz_m = now.patient.prepared.run.room, now.patient_xz_m
-        try:
-            return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)
-        except AnchorposeError as error:
-            self.user.say(str(error))
-            return None
 
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]
