@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import re
 from pathlib import Path
 from typing import Any, Final
@@ -28,15 +29,8 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # so that an error of a worker process can be pickled
-        return _made_again, (type(self), self.args, self.__dict__)
-
-
-def _made_again(kind: type[AnchorposeError], args: tuple[object, ...], fields: dict[str, object]) -> AnchorposeError:
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(fields)
-    return error
+        # so that an error of a worker process can be pickled, although ``args`` are not the arguments of ``__init__``
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class InputError(AnchorposeError):

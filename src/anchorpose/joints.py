@@ -86,4 +86,7 @@ class JointState(StrEnum):
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
 """Code of each state in arrays, from 0 (observed) to 6 (lost). Less well known joints have larger codes."""
 
+STATE_NAMES: Final = tuple(str(state) for state in JointState)
+"""Names of the states in the order of their codes."""
+
 LOST: Final = STATE_CODE[JointState.LOST]

@@ -17,7 +17,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.events import GIVEN, Trials, events_files, read_trials, sidecar_of, span_of
 from anchorpose.recording.reader import frame_range, input_files, open_recording
 from anchorpose.recording.recording import Recording
-from anchorpose.recording.recording_file import CALIBRATION_FILE, with_height, with_poses
+from anchorpose.recording.recording_file import calibration_file, with_height, with_poses
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.corrections import Corrections, NamedPatient, read_corrections, require_recording
 from anchorpose.results.reviewed_recording import ReviewedCamera, reviewed_recording
@@ -94,7 +94,7 @@ def read_inputs(
     recording, source, calibration = with_height(open_recording(folder), config.height_m), None, None
     if user.calibration is not None:
         recording, source = with_poses(recording, user.calibration), PoseSource.FILE
-        file = user.calibration / CALIBRATION_FILE if user.calibration.is_dir() else user.calibration
+        file = calibration_file(user.calibration)
         calibration = CalibrationUsed(*hash_files([file], file.parent)[0])
     frame_range(recording, config.start, config.stop)
     given = None if user.corrections is None else _read_review(user.corrections)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from anchorpose.body.asset import BodyAsset
 from anchorpose.body.contact_regions import region_of_points
 from anchorpose.body.inverse_kinematics import CONTRADICTED
 from anchorpose.body.learning import bone_lengths
@@ -198,7 +197,7 @@ def account_of(
         lost=written.lost,
         poor_depth=written.poor_depth,
         explained=written.explained,
-        body=None if learnt is None else _record_body(body_points().asset, learnt.belief, learnt.first, learnt.seconds),
+        body=None if learnt is None else _record_body(learnt),
         pictures=pictures,
         notes=(
             *room.recording.notes,
@@ -346,7 +345,7 @@ def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
         return []
     if run.room.recording.subject.height_m is not None and not learnt.contradiction:
         return []
-    height_m, sigma_m = _height(body_points().asset, learnt.belief)
+    height_m, sigma_m = _height(learnt.belief)
     if sigma_m <= SYSTEMATIC_M:
         return []
     return [
@@ -356,25 +355,26 @@ def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
     ]
 
 
-def _height(asset: BodyAsset, belief: ShapeBelief) -> tuple[float, float]:
+def _height(belief: ShapeBelief) -> tuple[float, float]:
     """Return the standing height of a body shape and its standard deviation, metres."""
-    height_m, row = standing_height(asset, belief.shape)
+    height_m, row = standing_height(body_points().asset, belief.shape)
     return height_m, float(np.sqrt(belief.variance(row[None])[0]))
 
 
-def _record_body(asset: BodyAsset, belief: ShapeBelief, first: ShapeBelief, seconds: float) -> BodyRecord:
-    """Return the record of the learnt body. belief: the shape at the end of learning; first: the shape after the first
-    of the windows of frames from which it was learnt.
+def _record_body(learnt: LearntPatient) -> BodyRecord:
+    """Return the record of the learnt body, with the change of each bone since the first of the windows of frames from
+    which it was learnt.
     """
-    height_m, sigma_m = _height(asset, belief)
+    asset, belief = body_points().asset, learnt.belief
+    height_m, sigma_m = _height(belief)
     return BodyRecord(
-        learnt_from_s=seconds,
+        learnt_from_s=learnt.seconds,
         height_m=height_m,
         height_sigma_m=sigma_m,
         clothes_m=dict(zip(CLOTHES, belief.shape.offset_m.tolist(), strict=False)),
         bones=tuple(
             BoneRecord(now.bone, now.length_m, now.sigma_m, now.length_m - before.length_m)
-            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, first), strict=True)
+            for now, before in zip(bone_lengths(asset, belief), bone_lengths(asset, learnt.first), strict=True)
         ),
         coefficients=tuple(belief.shape.coefficients.tolist()),
     )

@@ -11,7 +11,7 @@ from results_builder import make_frame, standing_joints, write_results
 
 from anchorpose.cli import main
 from anchorpose.cli.console import open_page
-from anchorpose.cli.demo_account import account
+from anchorpose.cli.demo_verb import account
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, JointState
 from anchorpose.results.evaluate import Evaluation, evaluate
 
@@ -90,7 +90,7 @@ def test_the_demo_writes_everything_it_names_and_refuses_to_replace_it(demo, ope
 def test_tables_and_a_closed_browser_are_options(tmp_path, demo, opened, monkeypatch, capsys):
     at_terminal(monkeypatch)
     found = evaluated(tmp_path, np.full(JOINT_COUNT, 0.010))
-    monkeypatch.setattr("anchorpose.cli.simulation_verbs._simulate_and_track", lambda out, seconds: found)
+    monkeypatch.setattr("anchorpose.cli.demo_verb._simulate_and_track", lambda out, seconds: found)
     assert main(["demo", "--quick", "--tables", "--no-open"]) == 0
     printed = capsys.readouterr().out
     assert "all joints" in printed

@@ -20,8 +20,8 @@ from session_builder import contact
 from anchorpose.errors import MissingPackage
 from anchorpose.exports import c3d
 from anchorpose.exports.exporting import export_results
-from anchorpose.exports.formats import STATES, Format
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.exports.formats import Format
+from anchorpose.joints import JOINT_NAMES, STATE_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.results import frame_time
 from anchorpose.results.records import CONTACTS_FILE, write_contacts
@@ -79,9 +79,9 @@ def test_a_c3d_comes_back_with_points_rate_gaps_angles_sigma_and_states(results,
     assert np.array_equal(analog["KneeLeft.state"][recorded], joints.state_code[:, number])
     sigma_mm = np.where(joints.lost[:, number], -1.0, 1000.0 * joints.sigma_m[:, number])
     assert np.allclose(analog["KneeLeft.sigma"][recorded], sigma_mm, atol=1e-5)
-    assert analog["HandLeft.state"][0] == STATES.index("hidden_by_person")
-    assert analog["knee_flexion_left.state"][5] == STATES.index("lost")
-    assert file["parameters"]["ANCHORPOSE"]["STATES"]["value"] == list(STATES)
+    assert analog["HandLeft.state"][0] == STATE_NAMES.index("hidden_by_person")
+    assert analog["knee_flexion_left.state"][5] == STATE_NAMES.index("lost")
+    assert file["parameters"]["ANCHORPOSE"]["STATES"]["value"] == list(STATE_NAMES)
 
 
 def test_the_residuals_of_a_c3d_are_words_that_no_program_can_read_differently(results, tmp_path):

@@ -41,8 +41,8 @@ def live():
     scenes = tuple(SimpleNamespace(camera=camera, background=model) for camera in CAMERAS)
     clocks = SimpleNamespace(clocks=(Clock(), Clock(ahead_s=0.5)))
     room = SimpleNamespace(recording=SimpleNamespace(cameras=CAMERAS), clocks=clocks, scenes=scenes)
-    run = SimpleNamespace(room=room)
-    return LiveFollower(run, None, Collecting(), None, None, with_labels=False, latency=LatencyMeter())
+    patient = SimpleNamespace(prepared=SimpleNamespace(run=SimpleNamespace(room=room)))
+    return LiveFollower(patient, None, Collecting(), None, with_labels=False, latency=LatencyMeter())
 
 
 def image(camera: int, number: int, after_s: float, grey: np.ndarray = WALL) -> LiveImage:

@@ -16,7 +16,7 @@ def opened(tmp_path: Path, content: bytes) -> AzureKinectFile:
 def test_a_file_cut_short_gives_the_frames_before_the_cut_with_a_note(tmp_path: Path) -> None:
     content = recording(4)
     source = opened(tmp_path, content[: len(content) - images(1, "NFOV_2X2BINNED")[0].nbytes - 1000])
-    assert len(list(source.frames([0]))) == 3
+    assert len(list(source.frames())) == 3
     assert any("cut short" in note for note in source.notes)
 
 
@@ -24,7 +24,7 @@ def test_a_recorder_that_was_stopped_by_force_states_no_length(tmp_path: Path) -
     content = recording(2)
     place = content.index(b"\x18\x53\x80\x67") + 4
     source = opened(tmp_path, content[:place] + b"\x01" + b"\xff" * 7 + content[place + 8 :])
-    assert len(list(source.frames([0]))) == 2
+    assert len(list(source.frames())) == 2
     assert any("did not close it" in note for note in source.notes)
 
 
@@ -32,9 +32,9 @@ def test_a_recorder_that_was_stopped_by_force_states_no_length(tmp_path: Path) -
 def test_one_damaged_time_costs_one_frame(tmp_path: Path, damaged_us: int) -> None:
     times = [100, 33_345, damaged_us, 100_012, 133_345]
     source = opened(tmp_path, mkv(images(5, "NFOV_2X2BINNED"), times, attached=calibration(), tags={}))
-    assert [round(frame.time_s * 1e6) for frame in source.frames([0])] == [100, 33_345, 100_012, 133_345]
+    assert [round(frame.time_s * 1e6) for frame in source.frames()] == [100, 33_345, 100_012, 133_345]
     assert source.notes[-1] == "depth images left out because their size or time is damaged: 1"
-    list(source.frames([0]))
+    list(source.frames())
     assert source.notes[-1].endswith(": 1")
 
 
@@ -42,7 +42,7 @@ def test_an_image_of_the_wrong_size_is_left_out(tmp_path: Path) -> None:
     content = recording(1)
     small = cluster(50_000, [(2, b"\0" * 100)])
     source = opened(tmp_path, content + small + cluster(90_000, [(2, b"\0" * (2 * 320 * 288))]))
-    assert [round(frame.time_s * 1e6) for frame in source.frames([0])] == [336_289, 426_277]
+    assert [round(frame.time_s * 1e6) for frame in source.frames()] == [336_289, 426_277]
     assert any(note.endswith("damaged: 1") for note in source.notes)
 
 
@@ -53,4 +53,4 @@ def test_a_recording_without_one_image_is_refused(tmp_path: Path) -> None:
         opened(tmp_path, empty)
     source = opened(tmp_path, empty + cluster(0, [(2, b"\0" * 100)]))
     with pytest.raises(InputError, match="no depth image"):
-        list(source.frames([0]))
+        list(source.frames())

@@ -52,7 +52,7 @@ def test_pixels_times_and_lens_of_each_mode_are_as_recorded(tmp_path: Path, mode
     assert (camera.width, camera.height, camera.depth_scale) == (*SIZES[mode], 0.001)
     assert (camera.name, camera.model, camera.serial) == ("front", "Azure Kinect", "000123")
     assert camera.intrinsics == lens_of(calibration(), next(known for known in MODES if known.name == mode))
-    frames = list(source.frames([0]))
+    frames = list(source.frames())
     assert [round(frame.time_s * 1e6) for frame in frames] == [336_277 + time for time in TIMES_US]
     for frame, image in zip(frames, images(4, mode), strict=True):
         assert frame.depth.dtype == np.dtype("=u2")
@@ -64,7 +64,7 @@ def test_a_recording_that_pyav_wrote_is_read_alike(tmp_path: Path) -> None:
     depth = images(5, "NFOV_UNBINNED")
     source = open_source(remux(tmp_path / "side view.mkv", depth, [0, 33, 67, 100, 133]))
     assert (source.cameras[0].name, source.cameras[0].serial) == ("side-view", "of PyAV")
-    frames = list(source.frames([0]))
+    frames = list(source.frames())
     assert [frame.time_s for frame in frames] == pytest.approx([0.0, 0.033, 0.067, 0.1, 0.133], abs=1e-9)
     for frame, image in zip(frames, depth, strict=True):
         np.testing.assert_array_equal(frame.depth, expected(image))
@@ -72,16 +72,8 @@ def test_a_recording_that_pyav_wrote_is_read_alike(tmp_path: Path) -> None:
 
 def test_times_of_a_device_set_to_the_hosts_clock_keep_their_microseconds(tmp_path: Path) -> None:
     tags = {**TAGS, "K4A_START_OFFSET_NS": str(1_790_000_000_123_457_000)}
-    frames = opened(tmp_path, recording(2, tags=tags)).frames([0])
+    frames = opened(tmp_path, recording(2, tags=tags)).frames()
     assert [round(frame.time_s * 1e6) for frame in frames] == [1_790_000_000_123_457 + time for time in TIMES_US[:2]]
-
-
-def test_reading_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
-    source = opened(tmp_path, recording(4))
-    whole, rest = list(source.frames([0])), list(source.frames([3]))
-    assert [frame.time_s for frame in rest] == [whole[3].time_s]
-    np.testing.assert_array_equal(rest[0].depth, whole[3].depth)
-    assert list(source.frames([4])) == []
 
 
 def test_without_pyav_one_sentence_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,21 +110,21 @@ def test_without_a_usable_calibration_the_lens_is_unknown_and_a_note_says_why(
     source = opened(tmp_path, mkv(images(2, "NFOV_2X2BINNED"), [0, 1], attached=attached))
     assert source.cameras[0].intrinsics is None
     assert any(note.startswith("no lens") and problem in note for note in source.notes)
-    assert len(list(source.frames([0]))) == 2
+    assert len(list(source.frames())) == 2
 
 
 def test_without_tags_the_size_states_the_mode_and_a_note_that_the_clock_is_not_known(tmp_path: Path) -> None:
     source = opened(tmp_path, mkv(images(1, "NFOV_UNBINNED"), [5], None, attached=calibration(), tags={}))
     assert source.cameras[0].serial == ""
     assert source.cameras[0].intrinsics == lens_of(calibration(), depth_mode(640, 576) or MODES[0])
-    assert [frame.time_s for frame in source.frames([0])] == [5e-6]
+    assert [frame.time_s for frame in source.frames()] == [5e-6]
     assert "its times begin with the recording" in source.notes[0]
 
 
 @needs_the_real_file
 def test_the_real_file_pixel_by_pixel_against_another_decoder_and_by_hand_and_a_flat_wall() -> None:
     source = open_source(REAL)
-    (frame,) = source.frames([0])
+    (frame,) = source.frames()
     with av.open(str(REAL)) as container:
         stream = next(video for video in container.streams.video if video.metadata["title"] == "DEPTH")
         decoded = next(container.decode(stream)).reformat(format="gray16le").to_ndarray()
@@ -180,6 +172,6 @@ def _wall_residual_m(depth: np.ndarray, lens: Intrinsics) -> float:
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     depth = images(1, "WFOV_2X2BINNED") * 40
     content = mkv(depth, [33_333 * i for i in range(40)], "WFOV_2X2BINNED", attached=calibration())
-    frames = opened(tmp_path, content).frames([0])
+    frames = opened(tmp_path, content).frames()
     next(frames)
     assert peak_bytes(lambda: sum(1 for _ in frames)) < 6 * depth[0].nbytes

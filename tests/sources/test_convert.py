@@ -298,8 +298,8 @@ class MadeSource:
             camera or SourceCamera(name="c", width=WIDTH, height=HEIGHT, depth_scale=0.001, intrinsics=lens),
         )
 
-    def frames(self, skip):
-        for k in range(skip[0], len(self._times)):
+    def frames(self):
+        for k in range(len(self._times)):
             yield SourceFrame(0, self._times[k], self._grey[k])
 
 
@@ -324,9 +324,9 @@ def test_times_that_repeat_are_left_out_and_a_clock_set_back_is_refused(monkeypa
 
 def test_files_that_were_added_meanwhile_survive_a_conversion_that_is_refused(monkeypatch, tmp_path):
     class Visited(MadeSource):
-        def frames(self, skip):
+        def frames(self):
             (tmp_path / "out" / "notes.txt").write_text("mine")
-            yield from super().frames(skip)
+            yield from super().frames()
 
     with pytest.raises(InputError, match="record or export it again"):
         convert_made(monkeypatch, tmp_path, Visited(tmp_path / "f", [0.0, 33.333, 66.667]))
@@ -450,13 +450,10 @@ def test_any_name_becomes_one_that_a_recording_may_have(text):
 
 def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
     build.open3d(tmp_path / "walk", noise())
-    direct = look_at(tmp_path / "walk")
-    assert not direct.ready
-    make_recording(direct, nothing)
-    again = look_at(tmp_path / "walk")
-    assert again.ready
-    assert again.recording == tmp_path / "walk.anchorpose"
-    assert look_at(again.recording).recording == again.recording
+    made = tmp_path / "walk.anchorpose"
+    assert look_at(tmp_path / "walk") == (made, False)
+    make_recording(tmp_path / "walk", made, nothing)
+    assert look_at(tmp_path / "walk") == look_at(made) == (made, True)
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
     (tmp_path / "walk.anchorpose" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="rename or remove"):
@@ -468,13 +465,13 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
     with pytest.raises(InputError, match="rename or remove"):
         look_at(tmp_path / "walk")
     document.write_text(text)
-    assert not look_at(tmp_path / "walk").ready
+    assert look_at(tmp_path / "walk") == (made, False)
 
 
 def test_a_link_in_the_place_of_the_made_recording_is_refused(tmp_path):
     """It leads to a conversion of another content, which would be made again."""
     build.open3d(tmp_path / "walk", noise())
-    make_recording(look_at(tmp_path / "walk"), nothing)
+    make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
     (tmp_path / "walk.anchorpose").rename(tmp_path / "mine")
     (tmp_path / "walk.anchorpose").symlink_to(tmp_path / "mine")
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
@@ -488,7 +485,7 @@ def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
     build.open3d(tmp_path / "walk", noise())
     monkeypatch.setattr("anchorpose.sources.convert.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="anchorpose convert walk OUT"):
-        make_recording(look_at(tmp_path / "walk"), nothing)
+        make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
 
 
 def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp_path):
@@ -497,7 +494,7 @@ def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp
     (tmp_path / "archive").chmod(0o555)
     try:
         with pytest.raises(InputError, match="cannot be written"):
-            make_recording(look_at(tmp_path / "archive" / "walk"), nothing)
+            make_recording(tmp_path / "archive" / "walk", look_at(tmp_path / "archive" / "walk")[0], nothing)
         assert content(tmp_path) == before
     finally:
         (tmp_path / "archive").chmod(0o755)

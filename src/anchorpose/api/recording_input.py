@@ -41,14 +41,14 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
     """
     from anchorpose.sources.convert import look_at, make_recording
 
-    direct = look_at(path)
-    if direct.ready:
-        return direct.recording
-    with noting_how_to_go_on(direct.recording), watcher.working(f"Converting {path.name}", at_once=False) as progress:
-        notes = make_recording(direct, progress)
+    recording, ready = look_at(path)
+    if ready:
+        return recording
+    with noting_how_to_go_on(recording), watcher.working(f"Converting {path.name}", at_once=False) as progress:
+        notes = make_recording(path, recording, progress)
     for note in notes:
         watcher.note(f"- {note}")
-    return direct.recording
+    return recording
 
 
 @contextmanager

@@ -12,14 +12,14 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from anchorpose import __version__
 from anchorpose.cli.console import say
+from anchorpose.cli.demo_verb import demo
 from anchorpose.cli.evaluate_verbs import evaluate, reliability
 from anchorpose.cli.live_verbs import live, record
 from anchorpose.cli.recording_verbs import calibrate, check, convert, equipment, motions
 from anchorpose.cli.research_verbs import benchmark, experiment
-from anchorpose.cli.results_verbs import export, measure, report, verify
+from anchorpose.cli.results_verbs import export, measure, report, sync, verify
 from anchorpose.cli.settings_file import fill_from_file
-from anchorpose.cli.simulation_verbs import demo, simulate
-from anchorpose.cli.sync_verbs import sync
+from anchorpose.cli.simulation_verbs import simulate
 from anchorpose.cli.track_verbs import batch, track
 from anchorpose.cli.viewing_verbs import inspect, view
 from anchorpose.errors import AnchorposeError, InputError, is_utf8
@@ -85,19 +85,12 @@ def main(tokens: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if tokens is None else tokens
 
     def work() -> object:
-        _require_text(given)
+        for token in given:  # neither tables nor JSON can hold a file's name that is not text
+            if not is_utf8(token):
+                raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
         return app(given, exit_on_error=False, print_error=False, result_action="return_value")
 
     return exit_code_of(work)
-
-
-def _require_text(tokens: Sequence[str]) -> None:
-    """Raise InputError for an argument that is not text in UTF-8, since neither tables nor JSON can hold such file
-    names.
-    """
-    for token in tokens:
-        if not is_utf8(token):
-            raise InputError(token, "is not text in UTF-8", "rename the file, or write the text in UTF-8")
 
 
 def exit_code_of(work: Callable[[], object]) -> int:

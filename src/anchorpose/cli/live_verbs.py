@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import print_outcome, say
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.cli.track_verbs import RunOptions
 from anchorpose.cli.viewing_verbs import PageOptions
@@ -88,7 +88,6 @@ def live(
     results
         The folder to write.
     """
-    from anchorpose.cli.console import print_outcome
     from anchorpose.live.feed import about_folder
     from anchorpose.live.first_seconds import LiveOptions, User
     from anchorpose.live.session import track_live
@@ -120,9 +119,7 @@ def live(
         unfinished_results(results, about_folder(opened), run.overwrite) as folder,
         page_output(given, browser) as page,
     ):
-        user = (
-            User(say, stop, lambda: None) if page is None else User(_also_on(page), stop, page.asked, page.keep_markers)
-        )
+        user = User(say, stop) if page is None else User(_also_on(page), stop, page.asked, page.keep_markers)
         outputs = [*make_outputs(given.lsl, given.osc), *([] if page is None else [page])]
         summary = track_live(opened, folder, chosen, outputs, user)
     say(f"{summary.sentence}. The results are in {results}.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from anchorpose.cli.console import OnConsole, say, show_table
+from anchorpose.cli.console import OnConsole, progress_bar, say, show_table
 from anchorpose.cli.settings_file import SettingsFile, tracking_settings
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import FASTEST_HZ, OUTPUT, SIGNED, ConvertOptions, between, positive
@@ -33,7 +33,6 @@ def convert(*paths: Path, options: ConvertOptions | None = None, defaults: Setti
         INPUT... OUT: one or more files or folders, which become the cameras of one recording, and the folder to write.
     """
     from anchorpose.api.recording_input import noting_how_to_go_on
-    from anchorpose.cli.console import progress_bar
     from anchorpose.sources.convert import convert as convert_files
 
     if len(paths) < 2:

@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from anchorpose.batch.worker import KERNELS
-from anchorpose.cli.console import say, show_table
+from anchorpose.cli.console import progress_bar, say, show_table
 from anchorpose.errors import InputError
 from anchorpose.options import MOST_FRAMES, MOST_PROCESSES, whole
 
@@ -67,7 +67,6 @@ def _settings(quick: bool, config: Path | None) -> ExperimentConfig:
 
 
 def _run(out: Path, settings: ExperimentConfig, real: Path | None, processes: int) -> None:
-    from anchorpose.cli.console import progress_bar
     from anchorpose.research.experiment.run import run_experiment
     from anchorpose.results.folder import naming_place
 
@@ -103,7 +102,6 @@ def make(
     processes
         How many recordings are simulated at once; by default as many as there are cores.
     """
-    from anchorpose.cli.console import progress_bar
     from anchorpose.research.benchmark.make import make_benchmark
     from anchorpose.research.benchmark.plan import Part, groups_of
 
@@ -127,7 +125,7 @@ def score(
     against: Path | None = None,
     real: Path | None = None,
     labels: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Path | None = None,
 ) -> None:
     """Score the answers of any method, print the figures with a row for the leader board, and write them as JSON.
 

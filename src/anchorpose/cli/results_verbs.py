@@ -1,4 +1,4 @@
-"""Define the commands that read a results folder: measure, export, report, verify."""
+"""Define the commands that read a results folder: measure, export, report, verify, sync."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say, show_table
+from anchorpose.cli.console import log_event, say, show_table
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
-from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, between, positive
+from anchorpose.options import DAY_S, FASTEST_HZ, OUTPUT, ExportConfig, SyncSettings, between, positive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from anchorpose.results.processing import ProcessingConfig
     from anchorpose.results.verify import Fits
+    from anchorpose.sync.synchronising import Synchronised
 
 
 @Parameter(name="*")
@@ -81,7 +82,6 @@ def measure(
     by
         Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.report.measure_section import measure_rows
     from anchorpose.results.folder import naming_place
     from anchorpose.results.measuring import MeasureConfig, processing_sentence, write_measured
@@ -133,7 +133,6 @@ def export(
     by
         Your initials or pseudonym, for the log of the results that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.exports.exporting import EXPORTS_FOLDER, RECORD_FILE, export_results, parse_formats
 
     exported = export_results(results, parse_formats(to), options or ExportConfig(), output, overwrite)
@@ -150,10 +149,10 @@ def report(
     /,
     *others: Path,
     out: Annotated[Path | None, OUTPUT] = None,
-    label: Annotated[list[str] | None, Parameter(negative=())] = None,
-    date: Annotated[list[str] | None, Parameter(negative=())] = None,
+    label: list[str] | None = None,
+    date: list[str] | None = None,
     reliability: Path | None = None,
-    measure: Annotated[list[str] | None, Parameter(negative=())] = None,
+    measure: list[str] | None = None,
     reference: str = "",
     by: str = "",
     defaults: SettingsFile | None = None,
@@ -187,7 +186,6 @@ def report(
     by
         With one session: your initials or pseudonym, for the log that 'anchorpose verify' reads.
     """
-    from anchorpose.cli.console import log_event
     from anchorpose.report.comparison import write_comparison
     from anchorpose.report.page import write_report
 
@@ -241,3 +239,55 @@ def _print_files(what: str, files: Mapping[str, Fits]) -> None:
     for name, fits in files.items():
         if fits.value != "as it was written":
             say(f"  {name}: {fits.value}")
+
+
+def sync(
+    results: Path,
+    other: Path,
+    /,
+    *,
+    output: Annotated[Path, OUTPUT],
+    overwrite: bool = False,
+    settings: SyncSettings | None = None,
+) -> None:
+    """Bring the file of another device, such as EMG or an accelerometer, to one clock with the results.
+
+    The clocks are compared by the movement of a part of the body that carries a sensor, by pulses that both recorded,
+    or by the stamps of the Lab Streaming Layer. The folder OUTPUT then has the offset and drift of the other clock with
+    their uncertainty, joints and events on that clock, and the other device's signals at the joints' times.
+
+    Parameters
+    ----------
+    results
+        A results folder made by 'anchorpose track'.
+    other
+        The other file: XDF, EDF, BDF, or a CSV with a line of names, a column time_s (s) and a column per signal.
+    output
+        The folder to write.
+    overwrite
+        Replace an earlier synchronisation in that folder.
+    """
+    from anchorpose.recording.writable import check_place
+    from anchorpose.results.folder import check_results_path
+    from anchorpose.sync.synchronising import synchronise
+    from anchorpose.sync.writing import SYNC, write_sync
+
+    check_place(output, results, other)
+    check_results_path(output, None, overwrite, SYNC)
+    found = synchronise(results, other, settings or SyncSettings())
+    write_sync(output, found, overwrite)
+    print_clock(found)
+    say(f"Clock, joints, events and signals are in {output}.")
+
+
+def print_clock(found: Synchronised) -> None:
+    """Print how the clocks differ, and the notes for the user."""
+    clock = found.clock
+    say(f"Compared: {found.compared}.")
+    offset_ms, gain_ms = 1.96e3 * clock.offset_sigma_s, 1.96e6 * clock.drift_sigma
+    say(
+        f"The other clock is {clock.offset_s:.4f} s ± {offset_ms:.0f} ms (95 %) ahead at {clock.middle_s:.1f} s, and "
+        f"gains {1e6 * clock.drift:.0f} ± {gain_ms:.0f} ms in 1000 s."
+    )
+    for note in found.notes:
+        say(f"{note}.")

@@ -1,4 +1,4 @@
-"""Commands that simulate: simulate for a recording, and demo."""
+"""Define the command simulate, which makes a recording with a known truth."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import progress_bar, say
 from anchorpose.cli.settings_file import SettingsFile
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, FASTEST_HZ, LARGEST_SEED, TALLEST_M, between, positive, whole
 from anchorpose.simulate.choices import BraceName, Build, Equipment, LensName, Scene, Sensor, Speed, When
 
 if TYPE_CHECKING:
-    from anchorpose.results.evaluate import Evaluation
     from anchorpose.simulate.bodies import OtherBody
     from anchorpose.simulate.config import SimulationConfig
 
@@ -184,12 +183,10 @@ class SimulateOptions:
                 settings = stimulation(self.seed, SessionConfig(**self.session.given), self.fps)
             elif self.preset == "holes":
                 settings = presets.holes(self.seed, self.hole_radius or DEFAULT_HOLE_M, seconds, self.fps)
-            elif self.preset == "rehabilitation":
-                settings = presets.clinic(self.seed, seconds, self.fps)
             elif self.preset == "room":
                 settings = presets.room(self.seed, seconds, self.fps, self.movements)
             else:
-                preset = {"clinic": presets.clinic, "single": presets.single}[self.preset]
+                preset = presets.single if self.preset == "single" else presets.clinic
                 settings = preset(self.seed, seconds, self.fps)
             chosen = {name: value for name, value in given.items() if value is not None}
             if self.preset == "room" and (chosen.keys() - {"pose_known"} or self.scene):
@@ -244,7 +241,6 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
     out
         The folder to write: a recording in recording/ and the true joints in truth/truth.npz.
     """
-    from anchorpose.cli.console import progress_bar
     from anchorpose.results.folder import naming_place
     from anchorpose.simulate.write import simulate_recording
 
@@ -252,89 +248,3 @@ def simulate(out: Path, /, *, options: SimulateOptions | None = None, defaults: 
     with naming_place(out), progress_bar("Simulating") as progress:
         simulate_recording(out, settings, progress)
     say(f"The recording is {out / 'recording'}, its true joints are {out / 'truth' / 'truth.npz'}.")
-
-
-DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
-DEMO_SEED = 3  # a seed with which the patient, not the therapist, is nearest to the camera at the start
-DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked twice as fast as 30
-
-
-def demo(
-    out: Path = Path("anchorpose-demo"), /, *, quick: bool = False, tables: bool = False, no_open: bool = False
-) -> None:
-    """Show how it works: simulate a patient in a standing frame, track the patient, and compare with the true joints.
-
-    The demo takes one to two minutes, longer the first time, and needs no recording.
-
-    Parameters
-    ----------
-    out
-        The folder to write.
-    quick
-        Simulate only one second, to check an installation.
-    tables
-        Also print the errors of every joint and angle.
-    no_open
-        Do not open the report in the browser.
-    """
-    from anchorpose.recording.writable import check_place
-
-    check_place(out)
-    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-        raise InputError(out, "exists already", "choose another name or remove it first")
-    seconds = QUICK_SECONDS if quick else DEMO_SECONDS
-    # printed before the imports, which take seconds
-    say(f"1. Simulating {seconds:g} s of a patient in a standing frame, one camera, one therapist.")
-    from anchorpose.cli.console import open_page
-    from anchorpose.cli.evaluate_verbs import print_evaluation
-    from anchorpose.report.page import REPORT_FILE
-
-    evaluation = _simulate_and_track(out, seconds)
-    if tables:
-        print_evaluation(evaluation)
-    _print_account(evaluation, out)
-    report = out / "results" / REPORT_FILE
-    opened = not no_open and open_page(report)
-    say(f"The report is {'open in the browser' if opened else 'a page for the browser'}: {report}")
-
-
-def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
-    """Write the recording, its results and their errors into ``out``, which appears when everything is complete."""
-    from anchorpose.cli.console import progress_bar
-    from anchorpose.pipeline import track_recording
-    from anchorpose.results.evaluate import evaluate
-    from anchorpose.results.evaluation_file import write_evaluation
-    from anchorpose.results.folder import whole_or_nothing
-    from anchorpose.simulate.config import SimulationConfig
-    from anchorpose.simulate.write import simulate_recording
-    from anchorpose.tracker.config import TrackConfig
-    from anchorpose.tracker.warm_up import start_warm_up
-
-    scene = SimulationConfig(seed=DEMO_SEED, seconds=seconds, fps=DEMO_FPS, cameras=1, therapists=1, speed="slow")
-    start_warm_up()  # compiles kernels on another core, while this process simulates
-    with whole_or_nothing(out) as folder:
-        simulated, results = folder / "simulated", folder / "results"
-        with progress_bar("Simulating") as progress:
-            simulate_recording(simulated, scene, progress)
-        say("2. Tracking 21 joints; the first run takes longer, because it compiles.")
-        results.mkdir()
-        with progress_bar("Tracking") as progress:
-            track_recording(simulated / "recording", results, TrackConfig(), progress)
-        say("3. Comparing with the true joints, which a real recording does not have.")
-        evaluation = evaluate(results, simulated / "truth" / "truth.npz")
-        write_evaluation(folder / "evaluation.json", evaluation)
-    return evaluation
-
-
-def _print_account(evaluation: Evaluation, out: Path) -> None:
-    """Print the outcome in words, and what to do next."""
-    from anchorpose.cli.demo_account import account
-
-    say("")
-    for sentence in account(evaluation):
-        say(sentence)
-    say("")
-    results, simulated = out / "results", out / "simulated"
-    say(f"Every joint and angle: anchorpose evaluate {results} --truth {simulated / 'truth' / 'truth.npz'}")
-    say(f"Every frame:           anchorpose view {results} {simulated / 'recording'}")
-    say("A recording of yours:  anchorpose track RECORDING -o RESULTS")

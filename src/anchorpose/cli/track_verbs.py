@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import OnConsole, print_outcome, progress_bar, say
 from anchorpose.cli.settings_file import tracking_settings
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import (
@@ -139,7 +139,6 @@ def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: st
     go_on: text of the command with which the user continues after a stop; None for the same command with --resume.
     """
     from anchorpose.api.track import Options, track_watched
-    from anchorpose.cli.console import OnConsole, print_outcome
 
     options = Options(
         given.settings(),
@@ -227,7 +226,6 @@ def batch(
     from anchorpose.batch.cluster import CONNECT_S, SLURM, Place
     from anchorpose.batch.sessions import find_sessions
     from anchorpose.batch.tracking import run_batch, run_one, summarise
-    from anchorpose.cli.console import progress_bar
     from anchorpose.recording.document import read_toml
     from anchorpose.recording.writable import check_place
 

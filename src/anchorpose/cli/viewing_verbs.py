@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from anchorpose.cli.console import say
+from anchorpose.cli.console import OnConsole, counter, say
 from anchorpose.cli.settings_file import SettingsFile, tracking_settings
 from anchorpose.errors import AnchorposeError
 from anchorpose.options import LARGEST_PORT, MOST_FRAMES, OUTPUT, SIGNED, whole
@@ -78,6 +78,17 @@ class ViewOptions(PageOptions):
         elif self.rater:
             raise AnchorposeError("--rater belongs to the page for raters; add --rate.")
 
+    def serve(self, server: ReviewServer, what: str, kind: str, file: Path, kept: str) -> None:
+        """Serve a page until Ctrl+C. what: the page's name in messages; kind: "corrections" or "scores", which go to
+        ``file``; kept: clause that states when they were saved.
+        """
+        try:
+            with self.showing(server.address, what, f"see the patient and change the {kind}"):
+                say(f"{kind.capitalize()} go to {file}. Stop with Ctrl+C.")
+                server.serve_forever()
+        except KeyboardInterrupt:
+            say(f"Stopped; {kept}.")
+
 
 def view(
     results: Path,
@@ -103,46 +114,20 @@ def view(
         curves are shown.
     """
     from anchorpose.api.recording_input import as_recording
-    from anchorpose.cli.console import OnConsole
+    from anchorpose.viewer.rating import open_rating
     from anchorpose.viewer.server import open_viewer
 
     given = options or ViewOptions()
     given.require_rater(results)
     recording = None if recording is None else as_recording(recording, OnConsole())
     if given.rate:
-        _rate(results, recording, given)
+        with open_rating(results, recording, given.rater, given.host, given.port) as server:
+            kept = "every score was saved when it was given; the same command goes on"
+            given.serve(server, "The page for raters", "scores", server.api.scores.path, kept)
         return
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
-        _serve(
-            server,
-            given.showing(server.address, "The viewer", "see the patient and change the corrections"),
-            f"Corrections go to {server.api.corrections.path}.",
-            "every correction was saved when it was made",
-        )
-
-
-def _rate(results: Path, recording: Path | None, given: ViewOptions) -> None:
-    from anchorpose.viewer.rating import open_rating
-
-    with open_rating(results, recording, given.rater, given.host, given.port) as server:
-        _serve(
-            server,
-            given.showing(server.address, "The page for raters", "see the patient and change the scores"),
-            f"Scores go to {server.api.scores.path}.",
-            "every score was saved when it was given; the same command goes on",
-        )
-
-
-def _serve(server: ReviewServer, showing: AbstractContextManager[None], where: str, kept: str) -> None:
-    """Serve the page until Ctrl+C. where: sentence that is printed at the beginning and states where corrections or
-    scores are saved. kept: clause that is printed at the end and states when they were saved.
-    """
-    try:
-        with showing:
-            say(f"{where} Stop with Ctrl+C.")
-            server.serve_forever()
-    except KeyboardInterrupt:
-        say(f"Stopped; {kept}.")
+        kept = "every correction was saved when it was made"
+        given.serve(server, "The viewer", "corrections", server.api.corrections.path, kept)
 
 
 @Parameter(name="*")
@@ -189,7 +174,6 @@ def inspect(
         The folder to write; by default inspect-<frame> in the current folder.
     """
     from anchorpose.api.recording_input import as_recording
-    from anchorpose.cli.console import OnConsole, counter
     from anchorpose.cli.track_verbs import parse_patient
     from anchorpose.pages.inspection_page import INSPECTION, PAGE_FILE, inspect_recording
     from anchorpose.results.folder import check_results_path, new_results_folder

@@ -17,7 +17,7 @@ import numpy as np
 
 from anchorpose import __version__
 from anchorpose.exports.formats import (
-    STATES,
+    STATE_CODES,
     Product,
     Samples,
     Source,
@@ -29,14 +29,13 @@ from anchorpose.exports.formats import (
 from anchorpose.exports.regular_time import near_in_time, nominal_rate_hz
 from anchorpose.joints import JOINT_NAMES
 from anchorpose.options import ExportConfig
-from anchorpose.recording.events import Trial, TrialColumn, Trials
+from anchorpose.recording.events import MISSING, Trial, TrialColumn, Trials
 from anchorpose.results.frame_time import blocks
 from anchorpose.results.records import CONTACTS_FILE, EPISODES_FILE, read_contacts, read_episodes
 from anchorpose.results.trial_table import TRIALS_FILE, read_trial_table
 
 WORLD: Final = "world"
 CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame", "description")
-_STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +78,7 @@ def channels_of(samples: Samples) -> list[Channel]:
 def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: np.ndarray) -> list[Channel]:
     kinds = (
         ("sigma", units, "one standard deviation of the error" + (" along each axis" if units == "m" else ""), sigma),
-        ("state", "n/a", f"how it is known: {_STATE_CODES}", state_code),
+        ("state", "n/a", f"how it is known: {STATE_CODES}", state_code),
     )
     return [
         Channel(f"{name}_{kind}", "n/a", "MISC", name, unit, meaning, values[:, number])
@@ -170,7 +169,6 @@ EVENT_TYPES: Final = {
 
 BIDS_VERSION: Final = "1.10.0"
 TRACKING_SYSTEM: Final = "anchorpose"
-MISSING: Final = "n/a"
 
 _README: Final = """Joint centres and joint angles of one person, found by anchorpose {version} in depth recordings.
 

@@ -16,9 +16,8 @@ from anchorpose.body.pose import MOVING_BONES
 from anchorpose.body.segments import load_body_asset
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.formats import Product, Samples, Source, rounded_text, write_rows
-from anchorpose.exports.opensim_coordinates import joint, pelvis_axes, rotations_deg, torso_axes
+from anchorpose.exports.opensim_coordinates import in_axes, joint, known_median, pelvis_axes, rotations_deg, torso_axes
 from anchorpose.exports.regular_time import Interpolation, RegularSamples, regular_samples, stretch_name, stretches_of
-from anchorpose.joints import JOINT_INDEX
 from anchorpose.options import ExportConfig
 from anchorpose.results.tables import POSES_FILE, read_poses
 from anchorpose.rotations import unit
@@ -80,19 +79,14 @@ def skeleton_of_joints(position_m: np.ndarray) -> list[Node]:
         # the parent's axes, turned by the shortest rotation that brings the bone from its rest direction to its present
         # direction
         axes = _swing(start @ points, _along(position_m, at, to)) @ start
-        nodes.append(Node(name, index[above], parent.end_m, points * _length(position_m, at, to), axes))
+        length_m = known_median(np.linalg.norm(joint(position_m, to) - joint(position_m, at), axis=1, keepdims=True))
+        nodes.append(Node(name, index[above], parent.end_m, points * length_m, axes))
         index[name] = len(index)
     return nodes
 
 
 def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
     return unit(joint(position_m, end) - joint(position_m, start))
-
-
-def _length(position_m: np.ndarray, start: str, end: str) -> float:
-    along = np.linalg.norm(position_m[:, JOINT_INDEX[end]] - position_m[:, JOINT_INDEX[start]], axis=1)
-    known = along[np.isfinite(along)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -175,9 +169,7 @@ def _middle(quaternion: np.ndarray, vector_m: np.ndarray) -> np.ndarray:
     """Convert a world vector (n, 3) to a bone's axes, and return its median (3,) over the n frames; NaN if it is NaN in
     all frames.
     """
-    inside = np.einsum("nji,nj->ni", _matrices(quaternion.astype(np.float64)), vector_m)
-    known = inside[np.isfinite(inside).all(axis=1)]
-    return np.median(known, axis=0) if len(known) else np.full(3, np.nan)
+    return known_median(in_axes(_matrices(quaternion.astype(np.float64)), vector_m))
 
 
 STEM: Final = "motion"

@@ -10,9 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import MissingPackage
-from anchorpose.exports.formats import STATES, Product, Samples, Source
+from anchorpose.exports.formats import STATE_CODES, Product, Samples, Source
 from anchorpose.exports.regular_time import regular_samples, stretch_name
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import JOINT_NAMES, STATE_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.results.records import (
     BUCKLE_LEFT,
@@ -39,7 +39,6 @@ ABOUT_EVENTS: Final = (
     "Events are in the group EVENT: Foot Off and Foot Strike (Left, Right), and in the context General the beginnings "
     "and ends of standing up, sitting down, being upright and contacts"
 )
-STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATES))
 NOT_GIVEN: Final = -1.0  # value of an unknown sigma, since analog channels have no mark for missing values
 
 
@@ -148,7 +147,7 @@ def _about(file: Any, samples: Samples) -> None:
     _add(file, "POINT", X_SCREEN=["+X"], Y_SCREEN=["+Y"])
     if samples.angles:
         _add(file, "POINT", ANGLES=list(samples.angles), ANGLE_UNITS=["deg"], TYPE_GROUPS=["ANGLES"])
-    _add(file, "ANCHORPOSE", START_TIME=[float(samples.time_s[0])], STATES=list(STATES))
+    _add(file, "ANCHORPOSE", START_TIME=[float(samples.time_s[0])], STATES=list(STATE_NAMES))
 
 
 MOST_EVENTS: Final = 255

@@ -24,10 +24,10 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.exports.bids import write_bids
 from anchorpose.exports.bvh import write_bvh
 from anchorpose.exports.c3d import write_c3d
-from anchorpose.exports.formats import STATES, Format, Product, Source, number_text, read_source, write_text
+from anchorpose.exports.formats import Format, Product, Source, number_text, read_source, write_text
 from anchorpose.exports.opensim_coordinates import write_mot
 from anchorpose.exports.opensim_trc import write_trc
-from anchorpose.joints import JOINT_NAMES
+from anchorpose.joints import JOINT_NAMES, STATE_NAMES
 from anchorpose.options import ExportConfig
 from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.events import Trial, TrialColumn, Trials
@@ -184,7 +184,7 @@ def _wide_rows(columns: Sequence[np.ndarray]) -> Iterator[tuple[str, ...]]:
     """Yield the rows of columns (n,) as texts; state codes (int8) become the names of the states."""
     for rows in blocks(len(columns[0])):
         some = (values[rows] for values in columns)
-        texts = ([STATES[v] if each.dtype == np.int8 else _cell(v) for v in each.tolist()] for each in some)
+        texts = ([STATE_NAMES[v] if each.dtype == np.int8 else _cell(v) for v in each.tolist()] for each in some)
         yield from zip(*texts, strict=True)
 
 

@@ -14,14 +14,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.joints import LOST, JointState
+from anchorpose.joints import LOST, STATE_NAMES
 from anchorpose.results.tables import ANGLES_FILE, JOINTS_FILE, JointTable, read_angles, read_joints
 from anchorpose.results.verify import require_own
 
-STATES: Final = tuple(str(state) for state in JointState)
-"""Names of the states in the order of their codes, 0 (observed) to 6 (lost); formats that hold only numbers store the
-codes.
-"""
+STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(STATE_NAMES))
+"""The codes of the states in words; formats that hold only numbers store the codes."""
 
 
 class Format(StrEnum):
@@ -44,8 +42,8 @@ class Samples:
     """Joints and angles of every frame.
 
     time_s (n,) float64, increasing; position_m (n, 21, 3) world, NaN where missing; joint_sigma_m (n, 21);
-    joint_state_code (n, 21) int8, index into ``STATES``; degrees, sigma_deg, angle_state_code (n, a): value, sigma and
-    state code of the angles named in ``angles``.
+    joint_state_code (n, 21) int8, index into ``STATE_NAMES``; degrees, sigma_deg, angle_state_code (n, a): value, sigma
+    and state code of the angles named in ``angles``.
     """
 
     time_s: np.ndarray

@@ -70,6 +70,12 @@ def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.einsum("nji,nj->ni", axes, vector)
 
 
+def known_median(values: np.ndarray) -> np.ndarray:
+    """Return the median (k,) over the rows without NaN of values (n, k); NaN if every row has a NaN."""
+    known = values[np.isfinite(values).all(axis=1)]
+    return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
+
+
 def rotations_deg(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return OpenSim's three rotations of a pelvis or trunk: ``axes = Rz(first) Rx(second) Ry(third)``, each (n,)
     degrees.

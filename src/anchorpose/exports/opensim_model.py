@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose import __version__
-from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, pelvis_axes, torso_axes
+from anchorpose.exports.opensim_coordinates import SIDES, in_axes, joint, known_median, pelvis_axes, torso_axes
 from anchorpose.options import CoordinateModel
 from anchorpose.results.joint_angles import SOLE_SLOPE_DEG
 
@@ -48,10 +48,10 @@ def measure_body(position_m: np.ndarray) -> Places | None:
         return joint(position_m, end) - joint(position_m, start)
 
     found = {"SpineBase": np.zeros(3)}
-    found |= {end: _median(in_axes(axes[base], away(start, end))) for end, (base, start) in _IN_TRUNK.items()}
+    found |= {end: known_median(in_axes(axes[base], away(start, end))) for end, (base, start) in _IN_TRUNK.items()}
     for side, _, _ in SIDES:
         length = {
-            end: float(_median(np.linalg.norm(away(f"{start}{side}", f"{end}{side}"), axis=1, keepdims=True))[0])
+            end: float(known_median(np.linalg.norm(away(f"{start}{side}", f"{end}{side}"), axis=1, keepdims=True))[0])
             for end, start in _LIMBS.items()
         }
         slope, length["Hand"] = (
@@ -61,12 +61,6 @@ def measure_body(position_m: np.ndarray) -> Places | None:
         found |= {f"{end}{side}": np.array([0.0, -length_m, 0.0]) for end, length_m in length.items()}
         found[f"Foot{side}"] = length["Foot"] * np.array([np.cos(slope), -np.sin(slope), 0.0])
     return found if all(np.isfinite(place).all() for place in found.values()) else None
-
-
-def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median (k,) over the rows without NaN of values (n, k); NaN if every row has a NaN."""
-    known = values[np.isfinite(values).all(axis=1)]
-    return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

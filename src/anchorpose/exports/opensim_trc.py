@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from anchorpose.exports.formats import Product, Samples, Source, number_text, rounded_text, write_rows, write_text
-from anchorpose.exports.opensim_coordinates import DIGITS
+from anchorpose.exports.opensim_coordinates import DIGITS, SIDES
 from anchorpose.exports.opensim_model import document, measure_body, model_xml, xml, xml_set, xml_texts
 from anchorpose.exports.regular_time import RegularSamples, regular_samples, runs_where, stretch_name
 from anchorpose.joints import JOINT_NAMES
@@ -90,7 +90,7 @@ _MEASUREMENTS: Final = {
     "head": (("Neck", "Head"), "head", "X Y Z"),
     **{
         f"{name}_{end}": ((f"{first}{side}", f"{second}{side}"), f"{name}_{end}", "X Y Z")
-        for side, end in (("Right", "r"), ("Left", "l"))
+        for side, end, _ in SIDES
         for name, first, second in (
             ("femur", "Hip", "Knee"),
             ("tibia", "Knee", "Ankle"),

@@ -161,7 +161,8 @@ class Orbbec:
                 yield LiveImage(0, number, device_us / 1e6, taken_s, grey)
                 header = self._read(orbbec_process.HEADER.size)
             if not stop.is_set():
-                raise AnchorposeError(self._why_ended())
+                stalled = f"no image came for {STALL_S:.0f} s; check its cable" if self._stalled else ""
+                raise AnchorposeError(stalled or _why_ended(self.process, self.errors))
         finally:
             self.process.kill()
             watching.join()
@@ -194,11 +195,6 @@ class Orbbec:
     @property
     def _stalled(self) -> bool:
         return time.monotonic() - self._asked_s > STALL_S
-
-    def _why_ended(self) -> str:
-        if self._stalled:
-            return f"no image came for {STALL_S:.0f} s; check its cable"
-        return _why_ended(self.process, self.errors)
 
 
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:

@@ -60,6 +60,7 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
 # A receiver of images. It returns the reason if it could not keep an image, else None.
 Taker = Callable[[LiveImage], str | None]
 STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
+REPORT_S: Final = 10.0  # s between two messages about the cameras
 
 
 class Intake:

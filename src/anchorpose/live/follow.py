@@ -13,16 +13,15 @@ import numpy as np
 from anchorpose.body.contact_regions import region_of_points
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.isolation.other_place import without_other_places
+from anchorpose.joints import LOST, STATE_CODE
 from anchorpose.live.feed import LiveSet
-from anchorpose.live.output import Outputs, live_frame, people_in
-from anchorpose.live.stored import on_this_disk
+from anchorpose.live.output import LiveFrame, Outputs, people_in
+from anchorpose.live.stored import MAKE_ROOM, LivePatient, instead_of_resuming
 from anchorpose.recording.recording import FrameSet
 from anchorpose.results.contact_intervals import ContactIntervals
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 from anchorpose.tracker.frame_record import FrameRecord, TrackedFrame, label_pictures, record_of
-from anchorpose.tracker.journal import Blocks
-from anchorpose.tracker.room import Run
 
 LONGEST_MS: Final = 60_000  # ms, maximum latency that is counted; larger latencies count as this value
 
@@ -72,19 +71,16 @@ ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded 
 
 @dataclass(slots=True, eq=False)
 class LiveFollower:
-    """The tracker of a live patient, which takes image sets in the order of time. blocks: store of tracked frames;
-    with_labels: whether to store person labels, which are of use only with a recording of the depth images; patient:
-    number of the patient in the session.
+    """The tracker of a live patient, which takes image sets in the order of time. patient: the person who is or was the
+    patient; with_labels: whether to store person labels, which are of use only with a recording of the depth images.
     """
 
-    run: Run
+    patient: LivePatient
     body: Body | None
     follower: Follower
     outputs: Outputs
-    blocks: Blocks[TrackedFrame]
     with_labels: bool
     latency: LatencyMeter
-    patient: int = 1
     # by frame number, when the images of a frame were taken; only for frames that wait for later frames (look-ahead)
     _taken_s: dict[int, float] = field(default_factory=dict)
     _kept: list[TrackedFrame] = field(default_factory=list)
@@ -98,7 +94,7 @@ class LiveFollower:
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """Track an image set. live: whether it is the newest set; only then joints are sent and the latency counts."""
-        room = self.run.room
+        room = self.patient.prepared.run.room
         frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)
         self._step(frame_set, live_set.taken_s, live, live_set.skipped if live else 0)
 
@@ -131,26 +127,33 @@ class LiveFollower:
         self._taken_s[self._last_frame] = taken_s
         self._tracked += 1
         numbered = replace(frame_set, frame=self._last_frame, position=self._tracked)
-        numbered = without_other_places(numbered, self.run.room.scenes)
+        numbered = without_other_places(numbered, self.patient.prepared.run.room.scenes)
         self._pass_on(self.follower.step(numbered), live, dropped)
 
     def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:
         for estimate in estimates:
             taken_s = self._taken_s.pop(estimate.frame_set.frame)
             if live:
-                frame = replace(
-                    live_frame(estimate, taken_s),
+                codes = np.array([STATE_CODE[state] for state in estimate.states], np.int8)
+                frame = LiveFrame(
+                    frame=estimate.frame_set.frame,
+                    time_s=estimate.frame_set.time_s,
+                    taken_s=taken_s,
+                    joints_m=estimate.joints_m,
+                    sigma_m=estimate.sigma_m,
+                    state_code=codes,
+                    why_lost=estimate.why_lost if (codes == LOST).all() else "",
                     touched=self._touched,
                     holding=self._holding,
                     dropped=self.latency.dropped + dropped,
                     people=people_in(self.follower.memory),
-                    patient=self.patient,
+                    patient=self.patient.number,
                 )
                 self.outputs.send(frame)
                 self.latency.add(frame.latency_s, dropped)
                 dropped = 0
             labels = label_pictures(estimate.frame_set, estimate.observation) if self.with_labels else ()
-            record = record_of(estimate, self.body, self.run)
+            record = record_of(estimate, self.body, self.patient.prepared.run)
             self._touch(record)
             self._kept.append(TrackedFrame(record, labels))
             if len(self._kept) == BLOCK:
@@ -161,8 +164,9 @@ class LiveFollower:
         not delayed; the contacts are sent with the next frame.
         """
         if self._contacts is None:
-            parts = self.run.room.recording.part_names
-            self._contacts = ContactIntervals(region_of_points(body_points()), self.run.config.contacts, parts)
+            run = self.patient.prepared.run
+            parts = run.room.recording.part_names
+            self._contacts = ContactIntervals(region_of_points(body_points()), run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):
             pass  # contacts that have ended are not sent, only stored in the results
         self._touched = None if record.near is None else self._contacts.touched_now(by_equipment=False)
@@ -171,7 +175,7 @@ class LiveFollower:
     def store(self) -> None:
         """Store the frames tracked since the last call; raises InputError if the disk is full."""
         if self._kept:
-            with on_this_disk():
-                self.blocks.write(self._stored, self._kept)
-                self.blocks.write_count(self._stored + 1)
+            with instead_of_resuming(MAKE_ROOM):
+                self.patient.blocks.write(self._stored, self._kept)
+                self.patient.blocks.write_count(self._stored + 1)
             self._kept, self._stored = [], self._stored + 1

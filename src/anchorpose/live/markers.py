@@ -17,12 +17,11 @@ from typing import Final
 from anchorpose.errors import AnchorposeError, MissingPackage
 from anchorpose.options import plain_number
 from anchorpose.recording.document import read_text
-from anchorpose.recording.events import EVENTS_FILE, MISSING
+from anchorpose.recording.events import EVENTS_FILE, MISSING, sidecar_of
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.folder import write_text_whole
 
 MARKERS_FILE: Final = "markers.tsv"
-SIDECAR_FILE: Final = "events.json"
 HEAD: Final = "onset\tduration\ttrial_type"
 
 BEGIN, END, RATING = "begin", "end", "rating"
@@ -101,7 +100,7 @@ def write_events(folder: Path, end_s: float) -> None:
         rating = MISSING if trial.rating is None else f"{trial.rating:g}"
         rows.append(f"{row}\t{rating}" if rated else row)
     if rated:
-        write_text_whole(folder / SIDECAR_FILE, json.dumps({RATING: {"Units": "score"}}, indent=1) + "\n")
+        write_text_whole(sidecar_of(folder / EVENTS_FILE), json.dumps({RATING: {"Units": "score"}}, indent=1) + "\n")
     write_text_whole(folder / EVENTS_FILE, "\n".join(rows) + "\n")
 
 

@@ -15,10 +15,9 @@ from anchorpose import __version__
 from anchorpose.errors import MissingPackage
 from anchorpose.isolation.bystander_memory import BystanderMemory
 from anchorpose.isolation.view import PixelLabel
-from anchorpose.joints import JOINT_NAMES, LOST, JointState
+from anchorpose.joints import JOINT_NAMES, STATE_NAMES
 from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import AngleTable, JointTable
-from anchorpose.tracker.estimate import Estimate
 
 if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
@@ -46,9 +45,6 @@ def people_in(memory: BystanderMemory) -> tuple[PersonInView, ...]:
         if label >= PixelLabel.OTHER_PERSON
         for x, z in [np.median(points_m[:, [0, 2]], axis=0)]
     )
-
-
-_CODES: Final = {state: code for code, state in enumerate(JointState)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,23 +108,6 @@ class Output(Protocol):
     def close(self) -> None:
         """Close the output: no more frames follow."""
         ...
-
-
-def live_frame(estimate: Estimate, taken_s: float) -> LiveFrame:
-    """Return the values that outputs send, taken from an estimate (the result of tracking a frame); taken_s: as in
-    ``LiveFrame``.
-    """
-    frame_set = estimate.frame_set
-    codes = np.array([_CODES[state] for state in estimate.states], np.int8)
-    return LiveFrame(
-        frame_set.frame,
-        frame_set.time_s,
-        taken_s,
-        estimate.joints_m,
-        estimate.sigma_m,
-        codes,
-        estimate.why_lost if (codes == LOST).all() else "",
-    )
 
 
 class Outputs:
@@ -217,9 +196,6 @@ class LslOutput:
         return pylsl.StreamOutlet(info)
 
 
-_STATES = tuple(state.value for state in JointState)
-
-
 class OscOutput:
     """OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres;
     /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a value,
@@ -257,7 +233,7 @@ class OscOutput:
 
     def _add_named(self, bundle: OscBundleBuilder, address: str, name: str, values: list[float], state: int) -> None:
         known = values if all(map(math.isfinite, values)) else []
-        self._add(bundle, address, name, *known, _STATES[state])
+        self._add(bundle, address, name, *known, STATE_NAMES[state])
 
     def _add(self, bundle: OscBundleBuilder, address: str, *values: str | int | float) -> None:
         message = self._message(address=address)

@@ -10,14 +10,14 @@ import json
 import math
 import socket
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from http import HTTPStatus
 from threading import Condition, Thread
 from typing import Any, Final
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.joints import JOINT_NAMES, LIMBS, JointState
+from anchorpose.joints import JOINT_NAMES, LIMBS, STATE_NAMES
 from anchorpose.live.markers import TakeMarker, plain_text
 from anchorpose.live.output import LiveFrame, angles_of
 from anchorpose.results.frame_table import UNKNOWN
@@ -121,11 +121,12 @@ class PageOutput:
         """Send a frame, see ``Output``."""
         if frame.patient != self._patient:  # the upright time of a new patient begins at 0
             self._clock, self._patient = UprightClock(UprightConfig()), frame.patient
-        self._newest.put_frame(frame, self._clock.push(frame.joint_table))
+        standing, people = self._clock.push(frame.joint_table), frozenset(one.number for one in frame.people)
+        self._newest.put("frame", lambda: frame_message(frame, standing), people)
 
     def say(self, sentence: str) -> None:
         """Show a sentence about the session until the next sentence comes."""
-        self._newest.put_sentence(sentence)
+        self._newest.put("sentence", lambda: sentence)
 
     def asked(self) -> int | None:
         """Return the number (``PersonInView``) of the person whom the user chose as the new patient; later calls return
@@ -145,13 +146,13 @@ class PageOutput:
         self._thread.join()
 
 
-def describe_live(has_markers: bool = False) -> dict[str, Any]:
+def describe_live(has_markers: bool) -> dict[str, Any]:
     """Return the values that the page needs before the first frame, for JSON; has_markers: as in ``PageOutput``."""
     return {
         "markers": has_markers,
         "joints": list(JOINT_NAMES),
         "limbs": [list(limb) for limb in LIMBS],
-        "states": [str(state) for state in JointState],
+        "states": list(STATE_NAMES),
         "angles": list(ANGLE_NAMES),
     }
 
@@ -200,23 +201,18 @@ class _Newest:
 
     def __init__(self) -> None:
         self._changed, self.ended = Condition(), False
-        self._frame: tuple[int, LiveFrame, Standing] | None = None
-        self._sentence = (0, "")
+        # by name of an event: its number, and a function that returns its value for JSON
+        self._events: dict[str, tuple[int, Callable[[], Any]]] = {"sentence": (0, str)}
         self._count = 0
         self._people = frozenset[int]()  # numbers of the people who may be chosen
         self._asked: int | None = None
 
-    def put_frame(self, frame: LiveFrame, standing: Standing) -> None:
+    def put(self, name: str, value: Callable[[], Any], people: frozenset[int] | None = None) -> None:
+        """Replace an event by a newer one; people: numbers of the people who may be chosen, None: as before."""
         with self._changed:
             self._count += 1
-            self._frame = (self._count, frame, standing)
-            self._people = frozenset(one.number for one in frame.people)
-            self._changed.notify_all()
-
-    def put_sentence(self, sentence: str) -> None:
-        with self._changed:
-            self._count += 1
-            self._sentence = (self._count, sentence)
+            self._events[name] = (self._count, value)
+            self._people = self._people if people is None else people
             self._changed.notify_all()
 
     def ask(self, number: int) -> None:
@@ -248,7 +244,7 @@ class _Newest:
         sentence as an event.
         """
         with self._changed:
-            return self._count, _event("sentence", self._sentence[1])
+            return self._count, _event("sentence", self._events["sentence"][1]())
 
     def take(self, after: int, patience_s: float) -> tuple[int, bytes]:
         """Wait for events newer than the number ``after``; return the newest number and the events, empty if no event
@@ -256,13 +252,8 @@ class _Newest:
         """
         with self._changed:
             self._changed.wait_for(lambda: self.ended or self._count > after, patience_s)
-            count, frame, sentence = self._count, self._frame, self._sentence
-        events = b""
-        if sentence[0] > after:
-            events += _event("sentence", sentence[1])
-        if frame is not None and frame[0] > after:
-            events += _event("frame", frame_message(frame[1], frame[2]))
-        return count, events
+            count, events = self._count, list(self._events.items())
+        return count, b"".join(_event(name, value()) for name, (number, value) in events if number > after)
 
 
 def _event(name: str, value: Any) -> bytes:

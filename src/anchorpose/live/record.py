@@ -11,13 +11,12 @@ from typing import Final
 import numpy as np
 
 from anchorpose.errors import AnchorposeError
-from anchorpose.live.feed import Intake, LiveImage, LiveSource, about_folder
+from anchorpose.live.feed import REPORT_S, Intake, LiveImage, LiveSource, about_folder
 from anchorpose.live.markers import MarkerInlet
 from anchorpose.live.recorder import Recorder
 from anchorpose.recording.writable import check_place
 
 ROOM_IMAGES: Final = 60  # number of images of the empty room per camera; more images do not improve the median
-REPORT_S: Final = 10.0
 
 
 def record_live(

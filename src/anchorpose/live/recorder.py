@@ -50,7 +50,10 @@ class Recorder:
         empty room and patient are also valid for the new recording. Raises InputError if ``folder`` cannot be written.
         """
         self.folder, self._stack = folder, ExitStack()
-        _make_room(folder)
+        with new_folder(folder.resolve(), folder):
+            if any(folder.iterdir()):
+                remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
+                raise InputError(folder, "exists and is not empty", remedy)
         document = {"format": "rgbd-recording", "version": 1, "cameras": [camera.document() for camera in cameras]}
         self._writers = [self._stack.enter_context(CameraWriter(folder / one.camera.name, one)) for one in cameras]
         if about is not None:
@@ -89,8 +92,8 @@ class Recorder:
             return "their times are not later than those of the images before"
         self.images += 1
         self._unsynced.append(path)
-        if self.images % ROOM_EVERY == 0:
-            self._require_free()
+        if self.images % ROOM_EVERY == 0 and shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
+            raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
         return None
 
     def _follow_clock(self, image: LiveImage) -> float:
@@ -194,10 +197,6 @@ class Recorder:
     def _write_document(self) -> None:
         write_text_whole(self.folder / UNFINISHED_FILE, json.dumps(self._document, indent=1) + "\n")
 
-    def _require_free(self) -> None:
-        if shutil.disk_usage(self.folder).free < LEAST_FREE_BYTES:
-            raise AnchorposeError(f"{self.folder}: the disk is nearly full; what was recorded is kept. Make room.")
-
     def _sync_often(self) -> None:
         while not self._done.wait(SYNC_S):
             with suppress(OSError):  # failed syncing is tried again after ``SYNC_S``, or at the end
@@ -248,12 +247,18 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove the incomplete images of a camera; return whether the camera has complete images."""
+    """Remove the images of a camera whose row in timestamps.csv was not written before the recorder was cut off; return
+    whether the camera has complete images. Files with other names belong to the user and stay.
+    """
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")
     with CameraWriter(folder, CameraPlan(camera=camera)) as writer:
         written = writer.written
-    _remove_without_row(folder)
+    lines = read_text(folder / "timestamps.csv").split()[1:]
+    known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
+    for file in (folder / "depth").iterdir():
+        if file.name not in known and IMAGE_NAME.fullmatch(file.name):
+            file.unlink()
     return written > 0
 
 
@@ -269,13 +274,6 @@ def leave_out_cameras(document: Path, kept: Sequence[str]) -> None:
     notes = [f"camera {name} {LEFT_OUT}it gave no depth image" for name in gone]
     found["notes"] = [*found.get("notes", []), *notes]
     write_text_whole(document, json.dumps(found, indent=1) + "\n")
-
-
-def _make_room(folder: Path) -> None:
-    with new_folder(folder.resolve(), folder):
-        if any(folder.iterdir()):
-            remedy = "choose another name, or finish a recording that was cut off with 'anchorpose record --finish'"
-            raise InputError(folder, "exists and is not empty", remedy)
 
 
 def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
@@ -299,14 +297,3 @@ def copy_equipment(file: Path, about: Path, folder: Path) -> None:
         target = folder / path.relative_to(about)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
-
-
-def _remove_without_row(folder: Path) -> None:
-    """Remove images whose row in timestamps.csv was not written before the recorder was cut off. Files with other names
-    belong to the user and stay.
-    """
-    lines = read_text(folder / "timestamps.csv").split()[1:]
-    known = {f"{int(line.partition(',')[0]):06d}.png" for line in lines}
-    for file in (folder / "depth").iterdir():
-        if file.name not in known and IMAGE_NAME.fullmatch(file.name):
-            file.unlink()

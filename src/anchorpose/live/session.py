@@ -22,30 +22,29 @@ import numpy as np
 from anchorpose.body.skin_points import body_points, build_body
 from anchorpose.camera import places_of
 from anchorpose.errors import AnchorposeError
-from anchorpose.live.feed import Intake, LiveSource, about_folder
-from anchorpose.live.first_seconds import Backlog, FirstSeconds, LiveOptions, Prepared, User, in_room, latest_good
+from anchorpose.live.feed import REPORT_S, Intake, LiveSource, about_folder
+from anchorpose.live.first_seconds import (
+    PATIENCE_S,
+    Backlog,
+    FirstSeconds,
+    LiveOptions,
+    Prepared,
+    User,
+    in_room,
+    latest_good,
+)
 from anchorpose.live.follow import LatencyMeter, LiveFollower
 from anchorpose.live.markers import MarkerInlet
 from anchorpose.live.output import Output, Outputs, people_in
 from anchorpose.live.recorder import Recorder
-from anchorpose.live.stored import LivePatient, SessionStore, write_patients
+from anchorpose.live.stored import SessionStore, write_patients
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
 from anchorpose.results.unfinished import end_journal
 from anchorpose.threads import one_thread, worker_threads
 from anchorpose.tracker.following import Follower
 
-PATIENCE_S: Final = 0.5
-REPORT_S: Final = 10.0  # s between two messages about latency
 MOST_THREADS: Final = 4  # maximum number of threads that track; more threads would wait for Python's global lock
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Followed:
-    """A person who is or was the patient, and the tracker that follows this person."""
-
-    patient: LivePatient
-    follower: LiveFollower
 
 
 def track_live(
@@ -133,7 +132,7 @@ class _Session:
             self.user.say("No patient was found in these seconds; looking again.")
         raise AssertionError("counting does not end")
 
-    def begin(self, prepared: Prepared) -> Followed:
+    def begin(self, prepared: Prepared) -> LiveFollower:
         """Begin to follow a patient: track the first seconds, beginning with a frame that shows the patient well."""
         room, learnt = prepared.run.room, prepared.learnt
         initial = latest_good(room.initial_frames)
@@ -141,33 +140,32 @@ class _Session:
         run = replace(prepared.run, config=self.options.live(prepared.run.config))
         patient = self.store.add(replace(prepared, run=run))
         labels, found = self.options.record is not None, Follower(run, initial.choice, learnt.shape)
-        follower = LiveFollower(run, body, found, self.outputs, patient.blocks, labels, self.latency, patient.number)
+        follower = LiveFollower(patient, body, found, self.outputs, labels, self.latency)
         _take_recorded(follower, room.recording, initial.frame)
         follower.store()
-        return Followed(patient, follower)
+        return follower
 
-    def follow(self, first: Followed, backlog: Backlog) -> list[Followed]:
-        """Track every newest frame until the end; return all patients, in order."""
+    def follow(self, first: LiveFollower, backlog: Backlog) -> list[LiveFollower]:
+        """Track every newest frame until the end; return the followers of all patients, in order."""
         patients = [first]
-        self._catch_up(first.follower, backlog)
+        self._catch_up(first, backlog)
         began_s = reported_s = time.monotonic()
         until_s = np.inf if self.options.seconds is None else began_s + self.options.seconds
         while not self.user.stop.is_set() and time.monotonic() < until_s:
             if (number := self.user.asked()) is not None and (new := self._change_patient(patients[-1], number)):
                 patients.append(new)
-            follower = patients[-1].follower
             found = self.intake.feed.take(PATIENCE_S)
             if found is not None:
-                follower.take(found, live=True)
+                patients[-1].take(found, live=True)
             elif not self.intake.running:
                 break
             if time.monotonic() - reported_s > REPORT_S:
                 reported_s = time.monotonic()
                 self._report()
-        patients[-1].follower.finish()
+        patients[-1].finish()
         return patients
 
-    def write(self, results: Path, patients: Sequence[Followed], recorder: Recorder | None) -> None:
+    def write(self, results: Path, patients: Sequence[LiveFollower], recorder: Recorder | None) -> None:
         """Write the results of all patients, with notes on the session's latency and failures."""
         self.user.say("Writing the results.")
         recorded = _finish(recorder, self.intake)
@@ -181,22 +179,26 @@ class _Session:
         backlog.drop()
         self.user.say("Tracking live.")
 
-    def _change_patient(self, now: Followed, number: int) -> Followed | None:
+    def _change_patient(self, before: LiveFollower, number: int) -> LiveFollower | None:
         """Return the person with this number as the new patient, whose body is learnt from newly recorded first
         seconds. If this fails, return None; the present patient is then still followed.
         """
-        before, patient = now.follower, now.patient.number + 1
+        room, patient = before.patient.prepared.run.room, before.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
             if number not in places:
                 raise AnchorposeError(f"Person {number} is not in view now.")
             recording = self.first_seconds.record(f"patient-{patient}-{time.time_ns()}", "the new patient")
-            recorded = in_room(recording.folder, now.patient.prepared.run.room)
+            recorded = in_room(recording.folder, room)
         except AnchorposeError:
             self.user.say("The new patient could not be looked at; the patient is as before.")
             return None
         backlog = Backlog(self.intake.feed, recorded.cameras)
-        prepared = self._learn(recording, now, places[number])
+        prepared = None
+        try:
+            prepared = self.first_seconds.learn_named(recording, room, places[number], before.patient_xz_m)
+        except AnchorposeError as error:  # the session continues
+            self.user.say(str(error))
         if prepared is None:
             self.user.say(
                 "That person cannot be distinguished from the patient, or no body fits them; the patient is as before."
@@ -206,19 +208,8 @@ class _Session:
             return None
         before.finish()
         new = self.begin(prepared)
-        self._catch_up(new.follower, backlog)
+        self._catch_up(new, backlog)
         return new
-
-    def _learn(self, recording: Recording, now: Followed, place_xz_m: tuple[float, float]) -> Prepared | None:
-        """Learn the body of the person at a place. Return None if this fails; errors are caught, too, so that the
-        session continues.
-        """
-        room, before_xz_m = now.patient.prepared.run.room, now.follower.patient_xz_m
-        try:
-            return self.first_seconds.learn_named(recording, room, place_xz_m, before_xz_m)
-        except AnchorposeError as error:
-            self.user.say(str(error))
-            return None
 
     def _report(self) -> None:
         silent = [self.intake.cameras[k].camera.name for k in self.intake.feed.silent()]

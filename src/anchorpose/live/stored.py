@@ -16,7 +16,7 @@ from anchorpose.live.first_seconds import LiveOptions, Prepared, in_room, known_
 from anchorpose.live.recorder import RECORDING_FILE, finish_recording
 from anchorpose.recording.document import read_document, read_text
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording_file import CALIBRATION_FILE, read_calibration
+from anchorpose.recording.recording_file import calibration_file, read_calibration
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import as_json
@@ -126,7 +126,7 @@ class SessionStore:
         place_xz_m, folder = prepared.inputs.config.patient_xz_m, prepared.inputs.recording.folder
         number = len(self._session.patients) + 1
         journal = self._journal.inside(f"patient-{number}")
-        with on_this_disk():
+        with instead_of_resuming(MAKE_ROOM):
             journal.write(LEARNT, prepared.learnt)
         stored = StoredPatient(first_seconds=folder.name, place_xz_m=place_xz_m)
         self._write(replace(self._session, patients=(*self._session.patients, stored)))
@@ -144,15 +144,21 @@ class SessionStore:
         write_text_whole(self._journal.folder / SESSION_FILE, json.dumps(as_json(session)))
 
 
+MAKE_ROOM: Final = "make room and give the same command with --finish"
+BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
+
+
 @contextmanager
-def on_this_disk() -> Iterator[None]:
-    """Replace the advice in errors about storage, since a live session cannot be resumed; the new advice is --finish,
-    which writes results.
+def instead_of_resuming(remedy: str, folder: Path | None = None) -> Iterator[None]:
+    """Replace the advice in an InputError, since a live session can neither be resumed nor be tracked again. folder:
+    only advice about files in this folder is replaced; None: all advice.
     """
     try:
         yield
     except InputError as error:
-        raise InputError(error.path, error.problem, "make room and give the same command with --finish") from None
+        if folder is not None and not error.path.is_relative_to(folder):
+            raise
+        raise InputError(error.path, error.problem, remedy) from error
 
 
 def read_session(results: Path) -> StoredSession:
@@ -206,13 +212,10 @@ def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
     if options.calibration is None:
         return options
     read_calibration(options.calibration)
-    file = options.calibration / CALIBRATION_FILE if options.calibration.is_dir() else options.calibration
+    file = calibration_file(options.calibration)
     (folder / "calibration").mkdir()
     write_text_whole(folder / "calibration" / file.name, read_text(file))
     return replace(options, calibration=Path("calibration") / file.name)
-
-
-BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 
 
 def finish_session(results: Path, overwrite: bool) -> None:
@@ -224,7 +227,7 @@ def finish_session(results: Path, overwrite: bool) -> None:
     if not is_live_session(results):
         remedy = "give the name that 'anchorpose live' was given with -o"
         raise InputError(results, "has no live session that was cut off", remedy)
-    with unfinished_results(results, None, overwrite, resume=True) as folder, _remedy_of_live(folder):
+    with unfinished_results(results, None, overwrite, resume=True) as folder, instead_of_resuming(BEGIN_AGAIN, folder):
         session = read_session(folder)
         note = f"the live session ended early ({session.ended}): these results are of the frames that were stored"
         with one_thread():
@@ -234,17 +237,6 @@ def finish_session(results: Path, overwrite: bool) -> None:
             clear_beside_journal(folder)
             write_patients(folder, found, _recorded(session.options.record), [note])
         end_journal(folder)
-
-
-@contextmanager
-def _remedy_of_live(folder: Path) -> Iterator[None]:
-    """Replace the advice in an InputError about a file in ``folder``, since a live session cannot be tracked again."""
-    try:
-        yield
-    except InputError as error:
-        if not error.path.is_relative_to(folder):
-            raise
-        raise InputError(error.path, error.problem, BEGIN_AGAIN) from error
 
 
 def _recorded(folder: Path | None) -> Path | None:

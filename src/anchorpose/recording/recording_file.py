@@ -381,9 +381,14 @@ class CalibrationDocument(Entry, extra="ignore"):
     cameras: tuple[CalibratedCamera, ...]
 
 
+def calibration_file(path: Path) -> Path:
+    """Return the path of a calibration.json, given the file or its folder."""
+    return path / CALIBRATION_FILE if path.is_dir() else path
+
+
 def read_calibration(path: Path) -> dict[str, np.ndarray]:
     """Read T_world_camera (4, 4) by camera name from a calibration.json or its folder; raises InputError."""
-    file = path / CALIBRATION_FILE if path.is_dir() else path
+    file = calibration_file(path)
     cameras = read_document(file, CalibrationDocument).cameras
     poses = {camera.name: camera.camera_to_world for camera in cameras}
     if len(poses) < len(cameras):

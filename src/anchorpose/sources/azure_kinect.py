@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import errno
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -27,7 +27,7 @@ from anchorpose.errors import InputError, MissingPackage
 from anchorpose.lens import Intrinsics, LensModel
 from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import open_regular
-from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame
+from anchorpose.sources.source import MILLIMETRE_M, NO_READING, Reader, SourceCamera, SourceFrame, finite
 
 if TYPE_CHECKING:
     from av import Packet, VideoStream
@@ -132,10 +132,8 @@ def _parameters(camera: dict) -> tuple[float, ...]:
 
 def _radius(camera: dict) -> float | None:
     """Return the largest sqrt(x² + y²) / z of a ray for which the lens was calibrated; None if unknown."""
-    radius = camera.get("MetricRadius")
-    if not isinstance(radius, int | float) or not np.isfinite(radius) or radius <= 1e-4:
-        return None
-    return float(radius)
+    radius = finite(camera.get("MetricRadius"))
+    return radius if radius is not None and radius > 1e-4 else None
 
 
 EBML: Final = b"\x1a\x45\xdf\xa3"  # first bytes of a Matroska file
@@ -188,7 +186,7 @@ class AzureKinectFile:
         damaged = f"depth images left out because their size or time is damaged: {self.left_out}"
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+    def frames(self) -> Iterator[SourceFrame]:
         """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
 
         Raises InputError if the file has no depth image that can be read, or if reading the file fails.
@@ -198,26 +196,16 @@ class AzureKinectFile:
         with _opened(self.path) as container:
             stream, _ = _depth_track(self.path, container)
             tick_us = Fraction(stream.time_base or 0) * 1_000_000
-            whole = self._whole_images(container.demux(stream), 2 * camera.width * camera.height)
-            for packet in self._in_order(whole):
+            for packet in self._in_order(container.demux(stream), 2 * camera.width * camera.height):
                 count += 1
-                if count > skip[0]:
-                    time_us = self.start_us + round((packet.pts or 0) * tick_us)
-                    yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
+                time_us = self.start_us + round((packet.pts or 0) * tick_us)
+                yield SourceFrame(0, time_us / 1e6, _image(packet, camera.height, camera.width))
         if not count:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
-    def _whole_images(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes and a time."""
-        for packet in packets:
-            if packet.size == size and packet.pts is not None and packet.pts >= 0:
-                yield packet
-            elif packet.size:  # an empty packet marks the end of the file
-                self.left_out += 1
-
-    def _in_order(self, packets: Iterator[Packet]) -> Iterator[Packet]:
-        """Yield the packets, but leave out packets with a damaged time: a time that is later than the next packet's, or
-        not later than the previous packet's.
+    def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
+        """Yield the packets that hold an image of ``size`` bytes. Packets with a damaged time are left out: with a time
+        that is later than the next packet's, or not later than the previous packet's.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.
@@ -225,8 +213,10 @@ class AzureKinectFile:
         held: Packet | None = None
         held_time = before = -1
         for packet in packets:
-            time = packet.pts or 0
-            if time > held_time:
+            time = -1 if packet.pts is None else packet.pts
+            if packet.size != size or time < 0:
+                self.left_out += packet.size > 0  # an empty packet marks the end of the file
+            elif time > held_time:
                 if held is not None:
                     yield held
                 held, held_time, before = packet, time, held_time

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -22,6 +21,7 @@ from typing import Any, BinaryIO, Final
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.recording.regular_file import open_regular, require_regular
+from anchorpose.sources.grey_images import natural_order
 
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -71,34 +71,30 @@ class BagFile(ABC):
         self._path = path
         self._damage = ""
         try:
-            connections = self._open()
+            self._connections = {number: (channel, count) for number, channel, count in self._open()}
         except Exception as error:
             raise InputError(path, f"the bag is damaged: {_damaged(error)}", self.repair) from error
-        self._channels = {number: channel for number, channel, _ in connections}
-        self._counts = {number: count for number, _, count in connections}
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Return all topics of the file, one channel per topic, even if several publishers use the topic."""
-        return tuple(dict.fromkeys(self._channels.values()))
+    def channels(self) -> list[tuple[Channel, int | None]]:
+        """Return the channel of each publisher, and its number of messages; None if they can be counted only by reading
+        the whole file.
+        """
+        return list(self._connections.values())
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return sentences on the parts that could not be read; they are complete after everything was read."""
         return (self._damage,) if self._damage else ()
 
-    def count(self, topic: str) -> int | None:
-        """Return the number of messages of a topic; None if they can be counted only by reading the whole file."""
-        counts = [self._counts[number] for number in self._on((topic,))]
-        return None if None in counts else sum(count or 0 for count in counts)
-
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Yield the messages of the topics in the order of their receipt, up to the first damage in the file."""
-        numbers, self._damage = self._on(topics), ""
+        channels, self._damage = {number: channel for number, (channel, _) in self._connections.items()}, ""
+        numbers = [number for number, channel in channels.items() if channel.topic in topics]
         try:
             for number, received_ns, data in self._read(numbers) if numbers else ():
-                if self._channels[number].topic in topics:  # topics of a damaged file may share a connection number
-                    yield Message(self._channels[number], received_ns, _unpack(data))
+                if channels[number].topic in topics:  # topics of a damaged file may share a connection number
+                    yield Message(channels[number], received_ns, _unpack(data))
         except Exception as error:
             self._damage = (
                 f"{self._path.name} is damaged ({_damaged(error)}), so that what follows is missing: {self.repair}."
@@ -113,9 +109,6 @@ class BagFile(ABC):
     @abstractmethod
     def _read(self, numbers: Collection[int]) -> Iterable[tuple[int, int, bytes]]:
         """Yield connection number, time of receipt (ns) and bytes of each message of the connections ``numbers``."""
-
-    def _on(self, topics: Collection[str]) -> list[int]:
-        return [number for number, channel in self._channels.items() if channel.topic in topics]
 
 
 class _RosbagsFile(BagFile):
@@ -260,16 +253,16 @@ class Ros2Database(BagFile):
         return sqlite3.connect(f"{self._path.resolve().as_uri()}?mode=ro", uri=True)
 
 
-class BagFolder:
-    """Several files of one recording, read in sequence as one file."""
+class Bag:
+    """One file, or several files of one recording that are read in sequence as one file."""
 
     def __init__(self, files: Sequence[BagFile]) -> None:
         self._files = files
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Return the topics of all files."""
-        return tuple(dict.fromkeys(channel for file in self._files for channel in file.channels))
+        """Return all topics, one channel per topic, even if several publishers use the topic."""
+        return tuple(dict.fromkeys(channel for file in self._files for channel, _ in file.channels))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -278,7 +271,7 @@ class BagFolder:
 
     def count(self, topic: str) -> int | None:
         """Return the number of messages of a topic in all files; None if counting requires reading a whole file."""
-        counts = [file.count(topic) for file in self._files]
+        counts = [count for file in self._files for channel, count in file.channels if channel.topic == topic]
         return None if None in counts else sum(count or 0 for count in counts)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
@@ -287,16 +280,11 @@ class BagFolder:
             yield from file.messages(topics)
 
 
-Bag = BagFile | BagFolder
-
-
 def open_bag(path: Path) -> Bag:
     """Open a bag, or a folder of ROS 2 with several bags; raises InputError if a bag cannot be opened, MissingPackage
     if the package that reads it is missing.
     """
-    if path.is_dir():
-        return BagFolder([_open_file(file) for file in files_of(path)])
-    return _open_file(path)
+    return Bag([_open_file(file) for file in (files_of(path) if path.is_dir() else (path,))])
 
 
 def _open_file(path: Path) -> BagFile:
@@ -318,11 +306,7 @@ def _open_file(path: Path) -> BagFile:
 def files_of(folder: Path) -> tuple[Path, ...]:
     """Return the bags of a ROS 2 folder, sorted by the numbers in their names, which have no leading zeros."""
     files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
-
-    def order(path: Path) -> tuple[tuple[int, str], ...]:
-        return tuple((int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", path.name))
-
-    return tuple(sorted(files, key=order))
+    return tuple(sorted(files, key=natural_order))
 
 
 def _kind(name: str) -> str:

@@ -21,15 +21,14 @@ from filelock import FileLock, Timeout
 from anchorpose import __version__
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import ConvertOptions
-from anchorpose.recording.document import LARGEST_BYTES, parse_json
 from anchorpose.recording.recording import LEFT_OUT
 from anchorpose.recording.recording_file import RECORDING_FILE
-from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
 from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, turn_image
-from anchorpose.sources.source import Source, find_reader, open_source
+from anchorpose.sources.source import Source, find_reader, json_object, open_source
 from anchorpose.threads import one_thread
 
 CONVERSION_FILE: Final = "conversion.json"
@@ -63,11 +62,8 @@ def conversion_document(inputs: Sequence[Path], options: ConvertOptions) -> dict
 
 def read_conversion(folder: Path) -> dict[str, Any] | None:
     """Read the conversion.json of a folder; None if the folder has no readable conversion.json."""
-    try:
-        values = parse_json(read_bounded(folder / CONVERSION_FILE, LARGEST_BYTES))
-    except (Unreadable, ValueError):
-        return None
-    return values if isinstance(values, dict) and values.get("format") == "conversion" else None
+    values = json_object(folder / CONVERSION_FILE)
+    return values if values is not None and values.get("format") == "conversion" else None
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
@@ -140,7 +136,6 @@ ENDING: Final = ".anchorpose"
 class Converted:
     """The result of a conversion. cameras: (name, number of depth images); notes: sentences for the user."""
 
-    folder: Path
     cameras: tuple[tuple[str, int], ...]
     notes: tuple[str, ...]
 
@@ -155,33 +150,22 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
     check_places(inputs, out)
     sources = [open_source(path) for path in inputs]
     plan = make_plan(sources, options)
-    with new_folder(out.resolve().parent, out):
-        return _convert(inputs, sources, plan, out, options, progress)
-
-
-def _convert(
-    inputs: Sequence[Path],
-    sources: Sequence[Source],
-    plan: Plan,
-    out: Path,
-    options: ConvertOptions,
-    progress: Progress,
-) -> Converted:
-    begun = conversion_document(inputs, options)
     refusal: AnchorposeError | None = None
-    with one_thread(), _claimed(out, begun):
-        try:
-            counts, notes = _write_images(sources, plan, out, options, progress)
-        except AnchorposeError as error:
-            refusal = error
-        else:
-            notes = (*(note for source in sources for note in source.notes), *notes)
-            _finish(out, begun, plan, counts, notes)
-    if refusal is not None:  # the input files cause this error, so the user is not advised to resume
-        if is_untouched(out):
-            shutil.rmtree(out)
-        raise refusal
-    return Converted(out, tuple((name, count) for name, count in counts.items() if count), (*notes, *plan.notes))
+    with new_folder(out.resolve().parent, out):
+        begun = conversion_document(inputs, options)
+        with one_thread(), _claimed(out, begun):
+            try:
+                counts, notes = _write_images(sources, plan, out, options, progress)
+            except AnchorposeError as error:
+                refusal = error
+            else:
+                notes = (*(note for source in sources for note in source.notes), *notes)
+                _finish(out, begun, plan, counts, notes)
+        if refusal is not None:  # the input files cause this error, so the user is not advised to resume
+            if is_untouched(out):
+                shutil.rmtree(out)
+            raise refusal
+    return Converted(tuple((name, count) for name, count in counts.items() if count), (*notes, *plan.notes))
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
@@ -237,10 +221,14 @@ def _write_images(
     for source, cameras in zip(sources, plan.cameras, strict=True):
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
-            done += sum(writer.given for writer in writers)
+            to_skip = [writer.given for writer in writers]  # images that the stopped conversion has written
+            done += sum(to_skip)
             progress(done, total)
             try:
-                for frame in source.frames([writer.given for writer in writers]):
+                for frame in source.frames():
+                    to_skip[frame.camera] -= 1
+                    if to_skip[frame.camera] >= 0:
+                        continue
                     grey = turn_image(frame.depth, options.rotate, options.mirror)
                     writers[frame.camera].write(frame.time_s, grey)
                     done += 1
@@ -294,56 +282,43 @@ def _json(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-@dataclass(frozen=True, slots=True)
-class DirectInput:
-    """The input of a command, and the path of the recording to use. ready: False if the input must be converted
-    first.
-    """
-
-    given: Path
-    recording: Path
-    ready: bool
-
-
-def look_at(path: Path) -> DirectInput:
-    """Find the recording to use for the path that a user gave. It is the path itself if the path is a recording, or if
-    no reader recognises it (``open_recording`` then reports the problem). Otherwise it is the path's conversion, which
-    lies beside the path.
+def look_at(path: Path) -> tuple[Path, bool]:
+    """Find the recording to use for the path that a user gave; return its path, and whether it is ready: False if it
+    must be made first. It is the path itself if the path is a recording, or if no reader recognises it
+    (``open_recording`` then reports the problem). Otherwise it is the path's conversion, which lies beside the path.
 
     An earlier conversion beside the path that was made from other content or by another version is removed. Raises
     InputError if files in that conversion were added or changed since, or if the conversion's name is taken by a link,
     or by a file or folder that is not a conversion.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
-        return DirectInput(path, path, True)
+        return path, True
     recording = path.resolve().with_name(path.resolve().name + ENDING)
     if recording.is_symlink():
         raise InputError(recording, "is in the way and is a link", "rename it, or use 'anchorpose convert'")
     if not recording.is_dir() or not any(recording.iterdir()):
-        return DirectInput(path, recording, False)
+        return recording, False
     found = read_conversion(recording)
     if found is None:
         raise InputError(
             recording, "is in the way and was not made by anchorpose", "rename it, or use 'anchorpose convert'"
         )
     if is_same(found, conversion_document([path], ConvertOptions())):
-        return DirectInput(path, recording, (recording / RECORDING_FILE).exists())
+        return recording, (recording / RECORDING_FILE).exists()
     if not is_untouched(recording):
         problem = f"was made from another {path.name} or by another anchorpose, and has later additions or changes"
         raise InputError(recording, problem, "rename or remove it")
     shutil.rmtree(recording)
-    return DirectInput(path, recording, False)
+    return recording, False
 
 
-def make_recording(direct: DirectInput, progress: Progress) -> tuple[str, ...]:
-    """Convert an input that is not ready; return notes. Raises InputError if no file can be written beside it."""
-    if not _may_write(direct.recording.parent):
-        remedy = f"make the recording elsewhere with 'anchorpose convert {direct.given.name} OUT'"
-        raise InputError(direct.recording.parent, "cannot be written", remedy)
-    return convert([direct.given], direct.recording, ConvertOptions(), progress).notes
-
-
-def _may_write(folder: Path) -> bool:
-    """Return whether a folder may be written; a folder marked as read-only may not, even by administrators."""
+def make_recording(path: Path, recording: Path, progress: Progress) -> tuple[str, ...]:
+    """Convert a path into a recording beside it; return notes. Raises InputError if the folder may not be written: even
+    administrators do not write into a folder that is marked as read-only.
+    """
+    folder = recording.parent
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
-    return not marked and os.access(folder, os.W_OK)
+    if marked or not os.access(folder, os.W_OK):
+        remedy = f"make the recording elsewhere with 'anchorpose convert {path.name} OUT'"
+        raise InputError(folder, "cannot be written", remedy)
+    return convert([path], recording, ConvertOptions(), progress).notes

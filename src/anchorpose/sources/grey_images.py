@@ -36,8 +36,8 @@ represents readings of up to 16.4 m, and rounds them by at most an eighth of a m
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """A depth image file, on disk or in an archive. time_s: time of the image on the device's clock, or the image's
-    number if times are unknown.
+    """The file of a depth image, on disk or in an archive. time_s: time of the image on the device's clock, or the
+    image's number if times are unknown.
     """
 
     path: Path
@@ -45,7 +45,9 @@ class FrameFile:
 
 
 class ImageFiles:
-    """A source of one camera whose depth images are single files; ``read`` decodes one file."""
+    """A source of one camera whose depth images are single files, or parts of one file. ``read`` decodes the image at a
+    position in ``files``, uint16, or returns None and its problem; by default it decodes the file of this image.
+    """
 
     def __init__(
         self,
@@ -53,14 +55,15 @@ class ImageFiles:
         camera: SourceCamera,
         files: Sequence[FrameFile],
         notes: Sequence[str] = (),
-        read: Callable[[Path, SourceCamera], tuple[np.ndarray | None, str]] | None = None,
+        read: Callable[[int], tuple[np.ndarray | None, str]] | None = None,
     ) -> None:
         if not files:
             raise InputError(path, "holds no depth images", "give the folder with 16-bit PNG or PGM images")
         self.path = path
         step = 1.0 if camera.has_times else number_step([file.time_s for file in files])
-        self.cameras: tuple[SourceCamera, ...] = (replace(camera, number_step=step),)
-        self._files, self._notes, self._read = files, tuple(notes), read or read_grey_image
+        self.cameras: tuple[SourceCamera, ...] = (replace(camera, number_step=step, count=len(files)),)
+        self._files, self._notes = files, tuple(notes)
+        self._read = read or (lambda position: read_grey_image(files[position].path, camera))
         self._left_out: dict[str, str] = {}
 
     @property
@@ -72,18 +75,15 @@ class ImageFiles:
         damaged = f"Damaged depth images that were left out: {len(self._left_out)}; the first, {first}, {problem}."
         return (*self._notes, damaged)
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; skipped images are decoded too, so that all damaged images are counted."""
-        taken = 0
-        for file in self._files:
-            grey, problem = self._read(file.path, self.cameras[0])
+    def frames(self) -> Iterator[SourceFrame]:
+        """Yield the depth images in order; raises InputError if a file with all images ends before the last image."""
+        for position, file in enumerate(self._files):
+            grey, problem = self._read(position)
             if grey is None:
                 self._left_out[file.path.name] = problem
                 continue
-            taken += 1
-            if taken > skip[0]:
-                grey[grey == NO_READING] = 0
-                yield SourceFrame(0, file.time_s, grey)
+            grey[grey == NO_READING] = 0
+            yield SourceFrame(0, file.time_s, grey)
 
 
 def read_grey_image(path: Path, camera: SourceCamera) -> tuple[np.ndarray | None, str]:

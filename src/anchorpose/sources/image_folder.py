@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final, Literal
@@ -20,7 +20,7 @@ from pydantic import Field
 
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import FARTHEST_M
-from anchorpose.recording.document import LARGEST_BYTES, Entry, Text, Version, parse_json, read_document
+from anchorpose.recording.document import Entry, Text, Version, read_document
 from anchorpose.recording.recording_file import (
     COARSEST_DEPTH_SCALE_M,
     FINEST_DEPTH_SCALE_M,
@@ -30,7 +30,7 @@ from anchorpose.recording.recording_file import (
     Seconds,
     Size,
 )
-from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
+from anchorpose.recording.regular_file import open_regular
 from anchorpose.sources.grey_images import (
     GREY_M,
     FrameFile,
@@ -43,35 +43,13 @@ from anchorpose.sources.grey_images import (
     number_step,
     to_grey,
 )
-from anchorpose.sources.source import NO_READING, Reader, Source, SourceCamera, SourceFrame, require_counted
+from anchorpose.sources.source import Reader, SourceCamera, json_object, require_counted
 
 # Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
 # exceeds the maximum ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
-
-
-class ImageArray:
-    """A source of one camera whose depth images are one array; ``read`` returns the image at a position, as uint16."""
-
-    def __init__(
-        self,
-        path: Path,
-        camera: SourceCamera,
-        times_s: Sequence[float],
-        read: Callable[[int], np.ndarray],
-        notes: tuple[str, ...] = (),
-    ) -> None:
-        self.path, self.notes, self._times_s, self._read = path, notes, times_s, read
-        self.cameras: tuple[SourceCamera, ...] = (replace(camera, count=len(times_s)),)
-
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; raises InputError if the file ends before the last image."""
-        for position in range(skip[0], len(self._times_s)):
-            grey = self._read(position)
-            grey[grey == NO_READING] = 0
-            yield SourceFrame(0, float(self._times_s[position]), grey)
 
 
 def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any]) -> Callable[[int], np.ndarray]:
@@ -89,7 +67,7 @@ def _reader(path: Path, start: int, shape: tuple[int, ...], kind: np.dtype[Any])
     return read
 
 
-def _open_array(path: Path) -> ImageArray:
+def _open_array(path: Path) -> ImageFiles:
     """Open an array of NumPy; raises InputError if it does not hold depth images."""
     with open_regular(path) as file:
         try:
@@ -100,12 +78,14 @@ def _open_array(path: Path) -> ImageArray:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    return image_array(path, shape, kind, _reader(path, start, shape[1:], kind))
+    # the header may state too many images: reading one more than the file has room for reports that its end is missing
+    most = path.stat().st_size // max(1, math.prod(shape[1:]) * kind.itemsize) + 1
+    return image_array(path, (min(shape[0], most), *shape[1:]), kind, _reader(path, start, shape[1:], kind))
 
 
 def image_array(
     path: Path, shape: tuple[int, int, int], kind: np.dtype[Any], read: Callable[[int], np.ndarray]
-) -> ImageArray:
+) -> ImageFiles:
     """Make the source of an array with the shape (images, height, width) and numbers of the type ``kind``. read:
     function that returns the image at a position as it is stored.
 
@@ -119,14 +99,14 @@ def image_array(
         raise InputError(path, f"holds numbers of type {kind}", "save depth as uint16, or as metres in float32")
     if metres:
         _require_metres(path, read(0))
-    scale, to_integers = (GREY_M, to_grey) if metres else (None, _as_uint16)
-    name = path.resolve().stem
+    name, scale = path.resolve().stem, GREY_M if metres else None
     camera = SourceCamera(name=name, width=width, height=height, depth_scale=scale, has_times=False)
-    return ImageArray(path, camera, range(count), lambda position: to_integers(read(position)))
 
+    def read_grey(position: int) -> tuple[np.ndarray, str]:
+        image = read(position)
+        return to_grey(image) if metres else image.astype(np.uint16), ""
 
-def _as_uint16(image: np.ndarray) -> np.ndarray:
-    return image.astype(np.uint16)
+    return ImageFiles(path, camera, [FrameFile(path, float(number)) for number in range(count)], read=read_grey)
 
 
 def _require_metres(path: Path, image: np.ndarray) -> None:
@@ -185,17 +165,14 @@ def _open_images(path: Path) -> ImageFiles:
     grey = [file for file in images if grey_size(file) is not None]
     notes = [f"Images that are not 16-bit grey were left alone: {len(images) - len(grey)}."] * (len(grey) < len(images))
     files, has_times = frame_files(grey)
-    camera = SourceCamera(
-        name=path.resolve().name, width=width, height=height, depth_scale=None, count=len(files), has_times=has_times
-    )
+    camera = SourceCamera(name=path.resolve().name, width=width, height=height, depth_scale=None, has_times=has_times)
     if (path / SIDECAR).is_file():
         given = read_document(path / SIDECAR, SidecarDocument)
-        camera, times = camera_of(given, camera, path / SIDECAR), file_times(given, path / SIDECAR, files)
-        files = times if times is not None else files
+        camera, files = camera_of(given, camera, path / SIDECAR), with_times(given, path / SIDECAR, files)
     return ImageFiles(path, camera, files, notes)
 
 
-def frame_files(images: list[Path]) -> tuple[list[FrameFile], bool]:
+def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
     """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``, and not
     ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in their names, or with their positions if
     numbers are missing or repeated, and False.
@@ -243,26 +220,20 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
     )
 
 
-def times_of(given: SidecarDocument, path: Path, numbers: np.ndarray) -> np.ndarray | None:
-    """Return the times (n,) in seconds that a sidecar gives for the images with these numbers (n,); None if the sidecar
-    has neither times nor a rate. Raises InputError if the sidecar has times but not n of them, or a rate for numbers
-    that do not count the images.
+def with_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> Sequence[FrameFile]:
+    """Return the files with the times that the sidecar ``given`` states in place of their numbers; unchanged if it has
+    neither times nor a rate. Raises InputError if the sidecar does not have one time per file, or has a rate for
+    numbers that do not count the images.
     """
     if given.times_s is not None:
-        if len(given.times_s) != len(numbers):
-            problem = f"times_s has {len(given.times_s)} times for {len(numbers)} depth images"
+        if len(given.times_s) != len(files):
+            problem = f"times_s has {len(given.times_s)} times for {len(files)} depth images"
             raise InputError(path, problem, "write one time per image")
-        return np.array(given.times_s)
+        return [replace(file, time_s=time_s) for file, time_s in zip(files, given.times_s, strict=True)]
     if given.fps is None:
-        return None
-    require_counted(path, number_step(numbers.tolist()))
-    return numbers / given.fps
-
-
-def file_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> list[FrameFile] | None:
-    """Return the files with the sidecar's times in place of their numbers; None if the sidecar has no times."""
-    times = times_of(given, path, np.array([file.time_s for file in files]))
-    return None if times is None else [replace(file, time_s=t) for file, t in zip(files, times.tolist(), strict=True)]
+        return files
+    require_counted(path, number_step([file.time_s for file in files]))
+    return [replace(file, time_s=file.time_s / given.fps) for file in files]
 
 
 def _images(path: Path) -> list[Path]:
@@ -272,20 +243,12 @@ def _images(path: Path) -> list[Path]:
 def _is_raw_dump(path: Path, head: bytes) -> bool:
     """Return whether a sidecar is beside the file ``path``, or in the folder ``path`` of raw files."""
     sidecar = _sidecar(path)
-    if sidecar == path:
-        return False
-    try:
-        values = parse_json(read_bounded(sidecar, LARGEST_BYTES))
-    except (Unreadable, ValueError):
-        return False
-    return (
-        isinstance(values, dict)
-        and values.get("format") == "depth-sidecar"
-        and (path.is_file() or bool(_raw_files(path)))
-    )
+    values = None if sidecar == path else json_object(sidecar)
+    described = values is not None and values.get("format") == "depth-sidecar"
+    return described and (path.is_file() or bool(_raw_files(path)))
 
 
-def _open_raw(path: Path) -> Source:
+def _open_raw(path: Path) -> ImageFiles:
     """Open a raw dump; raises InputError if its sidecar cannot be used or does not fit the files."""
     sidecar = _sidecar(path)
     given = read_document(sidecar, SidecarDocument)
@@ -301,27 +264,21 @@ def _open_raw(path: Path) -> Source:
     if path.is_file():
         return _open_raw_file(path, camera, order, given)
     files, _ = frame_files(sorted(_raw_files(path), key=natural_order))
-    files = file_times(given, sidecar, files) or files
-    return ImageFiles(path, camera, files, read=lambda file, shape: _read_raw(file, shape, order))
+    files = with_times(given, sidecar, files)
+    return ImageFiles(path, camera, files, read=lambda position: _read_raw(files[position].path, camera, order))
 
 
-def _open_raw_file(path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> ImageArray:
+def _open_raw_file(path: Path, camera: SourceCamera, order: str, given: SidecarDocument) -> ImageFiles:
     kind = np.dtype(order)
     count, rest = divmod(path.stat().st_size, kind.itemsize * camera.width * camera.height)
     if count == 0:
         problem = f"is shorter than one image of {camera.width} x {camera.height} pixels"
         raise InputError(path, problem, "check width and height in its sidecar")
-    numbers = np.arange(count, dtype=float)
-    times_s = times_of(given, _sidecar(path), numbers)
+    files = with_times(given, _sidecar(path), [FrameFile(path, float(number)) for number in range(count)])
     cut = f"{path.name} ends within an image, which was left out; its sidecar's width and height may be wrong."
     read = _reader(path, 0, (camera.height, camera.width), kind)
-    return ImageArray(
-        path,
-        camera,
-        (numbers if times_s is None else times_s).tolist(),
-        lambda position: _as_uint16(read(position)),
-        (cut,) if rest else (),
-    )
+    notes = (cut,) if rest else ()
+    return ImageFiles(path, camera, files, notes, lambda position: (read(position).astype(np.uint16), ""))
 
 
 def _read_raw(path: Path, camera: SourceCamera, order: str) -> tuple[np.ndarray | None, str]:

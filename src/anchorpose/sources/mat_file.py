@@ -19,7 +19,8 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, read_whole
-from anchorpose.sources.image_folder import ImageArray, image_array
+from anchorpose.sources.grey_images import ImageFiles
+from anchorpose.sources.image_folder import image_array
 from anchorpose.sources.source import Reader
 
 HEADER_BYTES: Final = 128
@@ -113,7 +114,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
             place += -place % 8
 
 
-def _open_mat(path: Path) -> ImageArray:
+def _open_mat(path: Path) -> ImageFiles:
     """Open a MATLAB file, which cannot be read in part: the whole array is held in memory.
 
     Raises InputError if the file is damaged or cut off, or does not have exactly one array that could be depth.

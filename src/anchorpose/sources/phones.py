@@ -90,7 +90,6 @@ def _open_stray(path: Path) -> ImageFiles:
         depth_scale=MILLIMETRE_M,
         intrinsics=scaled_lens(path / "camera_matrix.csv", read_matrix(path / "camera_matrix.csv", 3, 3), VIDEO, size),
         model="iPhone or iPad LiDAR (Stray Scanner)",
-        count=len(files),
     )
     return ImageFiles(path, camera, files, notes)
 
@@ -166,13 +165,12 @@ def _open_record3d(path: Path) -> ImageFiles:
         depth_scale=GREY_M,
         intrinsics=scaled_lens(path, np.array(columns).reshape(3, 3).T, picture, size),
         model="iPhone or iPad (Record3D)",
-        count=len(names),
         has_times=timed,
     )
     files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
     archive = zipfile.ZipFile(path)  # closed when the source is closed
     notes = movement_note(_positions(values))
-    return ImageFiles(path, camera, files, notes, lambda name, shape: _decode(archive, name.as_posix(), shape))
+    return ImageFiles(path, camera, files, notes, lambda position: _decode(archive, names[position], camera))
 
 
 def _contents(path: Path) -> tuple[dict[str, Any], list[str]]:

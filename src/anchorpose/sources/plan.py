@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
@@ -247,7 +247,7 @@ _HEADER: Final = "frame,time_s"
 BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 
 
-class CameraWriter:
+class CameraWriter(AbstractContextManager["CameraWriter"]):
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
     given: number of images received, including the earlier run; written: number of these images that were written;
@@ -267,12 +267,7 @@ class CameraWriter:
         self._rows.write("".join(f"{line}\n" for line in (_HEADER, *(f"{k},{time}" for k, time in rows))))
         self._rows.flush()
 
-    def __enter__(self) -> CameraWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._rows.close()
 
     def write(self, time_s: float, grey: np.ndarray, number: int | None = None) -> Path | None:

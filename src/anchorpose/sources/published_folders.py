@@ -19,8 +19,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
 from anchorpose.options import FASTEST_HZ
-from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_json, read_text
-from anchorpose.recording.regular_file import Unreadable, read_bounded
+from anchorpose.recording.document import read_json, read_text
 from anchorpose.sources.grey_images import (
     FrameFile,
     ImageFiles,
@@ -37,6 +36,7 @@ from anchorpose.sources.source import (
     SourceCamera,
     finite,
     finite_list,
+    json_object,
     movement_note,
     read_matrix,
     require_counted,
@@ -74,9 +74,7 @@ def _open_tum(path: Path) -> ImageFiles:
     if len(there) < len(files):
         notes.append(f"Depth images that {listing.name} names and that do not exist: {len(files) - len(there)}.")
     width, height = first_size(path, [file.path for file in there])
-    camera = SourceCamera(
-        name=path.resolve().name, width=width, height=height, depth_scale=TUM_M, count=len(there), has_times=has_times
-    )
+    camera = SourceCamera(name=path.resolve().name, width=width, height=height, depth_scale=TUM_M, has_times=has_times)
     return ImageFiles(path, camera, there, notes)
 
 
@@ -133,7 +131,7 @@ def _open_exported(path: Path) -> ImageFiles:
         if not has_times and fps is not None and 0 < fps <= FASTEST_HZ:
             require_counted(path, number_step([file.time_s for file in files]))
             files, has_times = [FrameFile(file.path, file.time_s / fps) for file in files], True
-    camera = replace(camera, name=path.resolve().name, count=len(files), has_times=has_times)
+    camera = replace(camera, name=path.resolve().name, has_times=has_times)
     return ImageFiles(path, camera, files, notes)
 
 
@@ -190,14 +188,7 @@ def _positions(folder: Path) -> np.ndarray:
 def _camera_file(path: Path) -> Path | None:
     if _scannet_file(path).is_file():
         return _scannet_file(path)
-    for file in sorted(path.glob("*.json")):
-        try:
-            values = parse_json(read_bounded(file, LARGEST_BYTES))
-        except (Unreadable, ValueError):
-            continue
-        if isinstance(values, dict) and "intrinsic_matrix" in values:
-            return file
-    return None
+    return next((file for file in sorted(path.glob("*.json")) if "intrinsic_matrix" in (json_object(file) or {})), None)
 
 
 def _text(value: Any) -> str:

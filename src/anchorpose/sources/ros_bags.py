@@ -5,7 +5,7 @@ bags that the software of RealSense and Orbbec records.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -83,20 +83,19 @@ class BagSource:
         )
         return (*self._said, *self._bag.notes, *counted)
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
+    def frames(self) -> Iterator[SourceFrame]:
         """Yield the depth images. If a file is cut off, yield the images before the cut, and add a note. Raises OSError
         with the file's path if the disk cannot be read: such a file does not count as cut off.
         """
         self._tallies = tuple(Counter[str]() for _ in self.cameras)
-        given = [0] * len(self.cameras)
+        count = 0
         try:
             for frame in self._all_frames():
-                given[frame.camera] += 1
-                if given[frame.camera] > skip[frame.camera]:
-                    yield frame
+                count += 1
+                yield frame
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from error
-        if not any(given):
+        if not count:
             raise InputError(self.path, "none of its depth images can be read", RECORD_AGAIN)
 
     def _all_frames(self) -> Iterator[SourceFrame]:

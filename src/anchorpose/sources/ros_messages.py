@@ -7,7 +7,8 @@ bag embeds are not used, since those of Orbbec and RealSense lack fields of thei
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -283,14 +284,16 @@ class Streams:
     notes: tuple[str, ...]
 
 
+def readable(bag: Bag, topic: str, read: Callable[[Message], T]) -> Iterator[T]:
+    """Yield the content of each message of a topic; damaged messages are left out."""
+    for message in bag.messages((topic,)):
+        with suppress(DamagedBag):
+            yield read(message)
+
+
 def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:
     """Return the content of the first message of a topic that can be read, or None without such a message."""
-    for message in bag.messages((topic,)):
-        try:
-            return read(message)
-        except DamagedBag:
-            continue
-    return None
+    return next(readable(bag, topic, read), None)
 
 
 def first_grey_image(bag: Bag, topic: str, read: Callable[[Message], Image] = read_any_image) -> Image | None:

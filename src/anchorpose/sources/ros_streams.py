@@ -14,7 +14,7 @@ import numpy as np
 from anchorpose.errors import InputError
 from anchorpose.lens import COEFFICIENTS, Intrinsics, LensModel
 from anchorpose.rotations import rigid
-from anchorpose.sources.bag_file import Bag, Channel, DamagedBag
+from anchorpose.sources.bag_file import Bag, Channel
 from anchorpose.sources.grey_images import scale_of
 from anchorpose.sources.ros_messages import (
     COMPRESSED,
@@ -32,6 +32,7 @@ from anchorpose.sources.ros_messages import (
     read_any_image,
     read_camera_info,
     read_transforms,
+    readable,
     size_of,
 )
 from anchorpose.sources.source import SourceCamera
@@ -118,15 +119,9 @@ class _Search:
         return DepthStream(topic=topic, camera=camera, in_metres=candidate.in_metres)
 
     def _scale(self, candidate: _Candidate, name: str) -> float:
-        scale = None
-        for message in self.bag.messages((candidate.channel.topic,)):
-            try:
-                scale = scale_of(metres_of(read_any_image(message)))
-            except DamagedBag:
-                continue
-            if scale is not None:
-                break
-        scale = scale or 0.001  # assume millimetres if no image has a reading
+        topic = candidate.channel.topic
+        scales = readable(self.bag, topic, lambda message: scale_of(metres_of(read_any_image(message))))
+        scale = next(filter(None, scales), 0.001)  # assume millimetres if no image has a reading
         self.notes.append(f"Depth of {name} is in metres: it is written in steps of {scale * 1000:g} mm.")
         return scale
 
@@ -230,24 +225,16 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
         return Lens(None, "its images are rectified, but their projection P is missing")
     else:
         focal_centre = info.K[0], info.K[4], info.K[2], info.K[5]
-    if not may_be_a_lens(focal_centre, info.D):
-        return Lens(None, "the camera was not calibrated")
-    fx, fy, cx, cy = _of_part(info, *focal_centre)
-    return lens_with((fx, fy, cx, cy), () if rectified else info.D, info.model)
-
-
-def may_be_a_lens(focal_centre: tuple[float, ...], D: tuple[float, ...]) -> bool:
-    """Return whether focal lengths and centre (fx, fy, cx, cy) and coefficients are possible for a lens, unlike zeros
-    or damaged numbers.
-    """
-    return all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(focal_centre[:2]) >= _SHORTEST_PX
+    return lens_with(_of_part(info, *focal_centre), () if rectified else info.D, info.model)
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
-    """Return the lens with this focal length and centre (fx, fy, cx, cy) and coefficients; model: its model's name in
-    ROS.
+    """Return the lens with this focal length and centre (fx, fy, cx, cy) and coefficients, unless the numbers are
+    impossible for a lens, as zeros and damaged numbers are; model: its model's name in ROS.
     """
     fx, fy, cx, cy = focal_centre
+    if not (all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(fx, fy) >= _SHORTEST_PX):
+        return Lens(None, "the camera was not calibrated")
     if not any(D):
         return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy))
     known = _MODELS.get(model)
@@ -281,13 +268,9 @@ class StaticTransforms:
     """The constant transforms between coordinate frames that are stored in a bag."""
 
     def __init__(self, bag: Bag) -> None:
-        self._parents: dict[str, tuple[str, np.ndarray]] = {}
-        for message in bag.messages((_TOPIC,)):
-            try:
-                for parent, child, values in read_transforms(message):
-                    self._parents[child] = parent, values
-            except DamagedBag:
-                continue  # a chain of frames that needs this transform then reaches no fixed world
+        # a chain of frames that needs a transform of a damaged message reaches no fixed world
+        messages = readable(bag, _TOPIC, read_transforms)
+        self._parents = {child: (parent, values) for message in messages for parent, child, values in message}
 
     def place(self, frame: str) -> tuple[np.ndarray | None, str]:
         """Return T_world_camera (4, 4) of a camera's optical frame, None if the chain of parent frames reaches no fixed

@@ -5,7 +5,7 @@ cameras and depth images. A recorder is any other program or device that records
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 
 from anchorpose.errors import InputError
 from anchorpose.lens import Intrinsics
-from anchorpose.recording.document import read_text
-from anchorpose.recording.regular_file import open_regular
+from anchorpose.recording.document import LARGEST_BYTES, parse_json, read_text
+from anchorpose.recording.regular_file import Unreadable, open_regular, read_bounded
 
 MILLIMETRE_M: Final = 0.001
 
@@ -92,9 +92,8 @@ class Source(Protocol):
     path: Path
     cameras: tuple[SourceCamera, ...]
 
-    def frames(self, skip: Sequence[int]) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of the file, reading one at a time. skip: number of images to leave out
-        at the beginning, for each camera.
+    def frames(self) -> Iterator[SourceFrame]:
+        """Yield the depth images in the order of the file, reading one at a time.
 
         A damaged image is left out with a note; raises InputError if the rest of the file cannot be read.
         """
@@ -170,6 +169,15 @@ def _head(path: Path) -> bytes:
         return file.read(HEAD_BYTES)
 
 
+def json_object(path: Path) -> dict[str, Any] | None:
+    """Return the object in a JSON file; None if the file cannot be read or holds anything else."""
+    try:
+        values = parse_json(read_bounded(path, LARGEST_BYTES))
+    except (Unreadable, ValueError):
+        return None
+    return values if isinstance(values, dict) else None
+
+
 def finite(value: Any) -> float | None:
     """Return a value of a JSON file as a float if it is a finite number; None for anything else."""
     number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
@@ -216,19 +224,14 @@ OTHERS_OWN: Final = (
 
 
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
-    """Return a description and a workaround for a file that only the vendor's software reads; None for other files."""
-    if _is_zed(path, head):
+    """Return a description and a workaround for a file that only the vendor's software reads; None for other files.
+
+    Of a ZED camera, an .svo2 file is an MCAP file that states its writer; an .svo file is recognised only by its name.
+    """
+    named = path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
+    if b"stereolabs" in head[:256] if head.startswith(b"\x89MCAP0\r\n") else named:
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",
             "export depth as 16-bit PNG with Stereolabs' ZED SDK (its SVO export sample), and convert their folder",
         )
     return next(((problem, remedy) for mark, problem, remedy in OTHERS_OWN if head.startswith(mark)), None)
-
-
-def _is_zed(path: Path, head: bytes) -> bool:
-    """Return whether a file is the recording of a ZED camera: an .svo2 file is an MCAP file that states its writer; an
-    .svo file is recognised only by its name.
-    """
-    if head.startswith(b"\x89MCAP0\r\n"):
-        return b"stereolabs" in head[:256]
-    return path.is_file() and path.suffix.lower() in {".svo", ".svo2"}

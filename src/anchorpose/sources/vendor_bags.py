@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.errors import InputError
-from anchorpose.sources.bag_file import Bag, DamagedBag, Message
+from anchorpose.sources.bag_file import Bag, Message
 from anchorpose.sources.ros_messages import (
     READ_BY_HAND,
     DepthStream,
@@ -32,9 +32,10 @@ from anchorpose.sources.ros_messages import (
     first,
     first_grey_image,
     read_camera_info,
+    readable,
     size_of,
 )
-from anchorpose.sources.ros_streams import Lens, lens_with, may_be_a_lens
+from anchorpose.sources.ros_streams import Lens, lens_with
 from anchorpose.sources.source import MILLIMETRE_M, SourceCamera
 
 _DEPTH: Final = re.compile(r"(?P<sensor>(?P<device>/device_\d+)/sensor_\d+)/Depth_\d+/image/data(/compressedDepth)?")
@@ -125,8 +126,6 @@ def _lens(bag: Bag, prefix: str) -> Lens:
 
 
 def _lens_with(fx: float, fy: float, cx: float, cy: float, D: tuple[float, ...], model: str) -> Lens:
-    if not may_be_a_lens((fx, fy, cx, cy), D):
-        return Lens(None, "the camera was not calibrated")
     if _MODELS.get(model) == "equidistant":
         D = D[:4]  # this model has four coefficients, but the file always has five
     return lens_with((fx, fy, cx, cy), D, _MODELS.get(model, model))
@@ -136,13 +135,8 @@ def _about(bag: Bag, device: str) -> dict[str, str]:
     """Return the device's name, serial number and other information, by the vendor's name for each item. A ROS 1 bag
     has one message per item, a database has one message for all items.
     """
-    about: dict[str, str] = {}
-    for message in bag.messages((f"{device}/info",)):
-        try:
-            about |= _texts(message)
-        except DamagedBag:
-            continue  # the device's name or serial number then stays empty
-    return about
+    # the device's name or serial number stays empty if its message is damaged
+    return {name: value for texts in readable(bag, f"{device}/info", _texts) for name, value in texts.items()}
 
 
 def _texts(message: Message) -> dict[str, str]:
@@ -241,16 +235,14 @@ def _notes(lens: Lens | None, unit_m: float | None) -> tuple[str, ...]:
 
 def _properties(bag: Bag) -> dict[int, bytes]:
     """Return the bytes of each of the device's settings, by the number of the setting (Orbbec's OBPropertyID)."""
-    properties = {}
-    for message in bag.messages((_PROPERTY,)):
-        try:
-            reader = MessageFields(message)
-            reader.header()
-            number = reader.whole("I")
-            properties[number] = bytes(reader.take(reader.whole("I")))
-        except DamagedBag:
-            continue  # ``_notes`` reports a missing unit, ``_refuse_disparity`` a missing setting
-    return properties
+
+    def read(message: Message) -> tuple[int, bytes]:
+        reader = MessageFields(message)
+        reader.header()
+        return reader.whole("I"), bytes(reader.take(reader.whole("I")))
+
+    # of damaged messages, ``_notes`` reports a missing unit, ``_refuse_disparity`` a missing setting
+    return dict(readable(bag, _PROPERTY, read))
 
 
 def _refuse_disparity(bag: Bag, properties: dict[int, bytes], path: Path) -> None:
@@ -284,8 +276,6 @@ def _read_lens(message: Message) -> Lens:
     fx, fy, cx, cy = reader.numbers("f", 4).tolist()
     k1, k2, k3, k4, k5, k6, p1, p2 = reader.numbers("f", 8).tolist()
     model = reader.whole("B")
-    if not may_be_a_lens((fx, fy, cx, cy), (k1, k2, k3, k4, k5, k6, p1, p2)):
-        return Lens(None, "the camera was not calibrated")
     if model in (_BROWN_CONRADY, _RATIONAL):
         D = (k1, k2, p1, p2, k3, k4, k5, k6) if any((k4, k5, k6)) else (k1, k2, p1, p2, k3)
         return lens_with((fx, fy, cx, cy), D, "rational_polynomial" if len(D) == 8 else "plumb_bob")
