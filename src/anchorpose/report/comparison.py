@@ -22,8 +22,15 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.report.comparable import SCATTERING, SCATTERS, allowance, differences, require_comparable, unlike_time
-from anchorpose.report.detectable import Detectable, read_detectable
+from anchorpose.report.comparable import (
+    SCATTERING,
+    SCATTERS,
+    Detectable,
+    differences,
+    read_detectable,
+    require_comparable,
+    time_gap,
+)
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
@@ -130,7 +137,7 @@ def change_between(
 ) -> Change | None:
     """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
     detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless the limit from the
-    two sigmas is larger. allowed: the change that sessions of different length explain (``allowance``); it is added to
+    two sigmas is larger. allowed: the change that sessions of different length explain (``time_gap``); it is added to
     the limit.
 
     Raises ValueError for different measures or units.
@@ -219,11 +226,11 @@ def _change(
     """
     if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")
-    limit, largest = repeated if later.part is None else None, max(abs(first.value), abs(later.value))
-    change = change_between(first, later, limit, allowance(later, firsts, laters, largest))
+    limit, gap = repeated if later.part is None else None, time_gap(later, firsts, laters)
+    change = change_between(first, later, limit, max(abs(first.value), abs(later.value)) * gap.share)
     if change is None:
         return UNKNOWN.format("not comparable")
-    unlike = unlike_time(later, firsts, laters)
+    unlike = gap.why
     if limit is None and later.measure in SCATTERING:
         unlike = unlike or SCATTERS
     if unlike is not None:

@@ -13,8 +13,7 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trials
-from anchorpose.report.comparable import ALIKE, allowance, grows_with_time, unlike_time
-from anchorpose.report.detectable import Detectable
+from anchorpose.report.comparable import ALIKE, Detectable, grows_with_time, time_gap
 from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
 from anchorpose.report.parameter_curves import parameter_charts
 from anchorpose.report.session import Session
@@ -142,38 +141,28 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
     first = rows[0]
     if not grows_with_time(first):
         return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)))
-    untested, allowed = _unlike_times(rows, session, trials), _allowances(rows, session, trials)
+    untested, allowed = _time_limits(rows, session, trials)
     return effects(rows, trials, untested=untested, allowed=allowed)
 
 
-def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
-    """Return, by condition, the reason why a measure that grows with time is not tested: its trials with a value differ
-    in duration, or its mean time with known posture differs from that of the reference condition.
+def _time_limits(rows: Sequence[Measure], session: Session, trials: Trials) -> tuple[dict[str, str], dict[str, float]]:
+    """Return two dicts by condition, for a measure that grows with time: the reason why the measure is not tested (its
+    trials with a value differ in duration, or its mean time with known posture differs from that of the reference
+    condition); and how much it may differ from the reference condition only because the trials of one condition last
+    longer.
     """
     known = {row.trial for row in rows if row.value is not None}
-    lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
-    if not lasting:
-        return {}
-    if max(lasting) - min(lasting) > ALIKE * max(lasting):
-        why = f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
-        return dict.fromkeys(trials.conditions, why)
     means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
     measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
     reference = measures_of[trials.conditions[0]]
-    found = {name: unlike_time(rows[0], reference, measures) for name, measures in measures_of.items()}
-    return {name: f"it grows with time ({why})" for name, why in found.items() if why}
-
-
-def _allowances(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, float]:
-    """Return, by condition, how much a measure may differ from the reference condition only because the trials of one
-    condition last longer (``allowance``).
-    """
-    known = {row.trial for row in rows if row.value is not None}
-    means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
-    measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
+    gaps = {name: time_gap(rows[0], reference, measures) for name, measures in measures_of.items()}
     largest = max((abs(row.value) for row in rows if row.value is not None), default=0.0)
-    reference = measures_of[trials.conditions[0]]
-    return {name: allowance(rows[0], reference, measures, largest) for name, measures in measures_of.items()}
+    allowed = {name: largest * gap.share for name, gap in gaps.items()}
+    lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
+    if lasting and max(lasting) - min(lasting) > ALIKE * max(lasting):
+        why = f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
+        return dict.fromkeys(trials.conditions, why), allowed
+    return {name: f"it grows with time ({gap.why})" for name, gap in gaps.items() if gap.why}, allowed
 
 
 def _about(trials: Trials) -> list[str]:

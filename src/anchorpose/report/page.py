@@ -12,8 +12,8 @@ import numpy as np
 from anchorpose.calibration.first_frames import USUAL_DISTANCE_M
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
+from anchorpose.report.comparable import Detectable, read_detectable
 from anchorpose.report.condition_section import condition_section, with_reference
-from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.kept_frames import kept_frames
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table

@@ -21,8 +21,7 @@ from markupsafe import Markup
 from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import allowance, unlike_time
-from anchorpose.report.detectable import Detectable
+from anchorpose.report.comparable import Detectable, time_gap
 from anchorpose.report.measure_section import PRINTED, title_of, unit_of, value_form, words_of
 from anchorpose.report.session import Session
 from anchorpose.report.still_chart import Line, Points, StillChart, across, still_row
@@ -175,13 +174,12 @@ def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Fol
         days = len(np.unique(x[known]))
         return _Followed(like, x, value, sigma, None, f"only {days} days have a value, {LEAST_SESSIONS} are needed")
     used = [each for each, here in zip(sessions, known, strict=True) if here]
-    unlike = (unlike_time(like, used[0].measures, each.measures) for each in used[1:])
-    if any(unlike):
+    gaps = [time_gap(like, used[0].measures, each.measures) for each in used]
+    if any(gap.why for gap in gaps[1:]):
         return _Followed(like, x, value, sigma, None, "it grows with time, and the sessions last differently")
     if np.ptp(value[known]) == 0.0:
         return _Followed(like, x, value, sigma, None, "it has the same value in all sessions")
-    largest = float(np.abs(value[known]).max())
-    allowed = [allowance(like, used[0].measures, each.measures, largest) for each in used]
+    allowed = float(np.abs(value[known]).max()) * np.array([gap.share for gap in gaps])
     return _Followed(like, x, value, sigma, fit_line(x[known], value[known], np.hypot(sigma[known], allowed)), "")
 
 
