@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from markupsafe import Markup
@@ -167,31 +167,22 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 }
 
 
-class ChangeGroup(NamedTuple):
-    """Measures shown together. rows: (title, meaning, cells); cells: a value per session, then a change per later
-    session.
-    """
-
-    heading: str
-    rows: list[tuple[str, str, list[Markup]]]
-
-
-def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
-    """Return the measures of all sessions side by side; detectable: minimal detectable changes, as ``read_detectable``
-    returns them.
+def change_groups(
+    sessions: Sequence[Session], detectable: Detectable
+) -> dict[str, list[tuple[str, str, list[Markup]]]]:
+    """Return the measures of all sessions side by side: by heading, rows of (title, meaning, cells) with a value per
+    session, then a change per later session. detectable: minimal detectable changes, as ``read_detectable`` returns
+    them.
 
     Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
     person in another session.
     """
-    limits = detectable or {}
     found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]
     groups = grouped_measures(list({key: m for each in found for key, m in each.items()}.values()))
-    return [
-        ChangeGroup(
-            heading, [_change_row(sessions, found, m, limits.get((m.measure, m.side, m.unit))) for m in members]
-        )
+    return {
+        heading: [_change_row(sessions, found, m, detectable.get((m.measure, m.side, m.unit))) for m in members]
         for heading, members in groups.items()
-    ]
+    }
 
 
 def _change_row(

@@ -14,21 +14,24 @@ from markupsafe import Markup
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trials
 from anchorpose.report.comparable import ALIKE, Detectable, grows_with_time, time_gap
-from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
+from anchorpose.report.measure_section import (
+    COMPARED,
+    form_within,
+    title_of,
+    value_and_error,
+    value_and_interval,
+    words_of,
+)
 from anchorpose.report.parameter_curves import parameter_charts
 from anchorpose.report.session import Session
 from anchorpose.report.still_chart import StillChart
-from anchorpose.report.words import Form, figure, listed
+from anchorpose.report.words import listed
 from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
 from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
 from anchorpose.results.trial_measures import condition_measures
 from anchorpose.results.trial_table import TRIALS_FILE
-from anchorpose.results.uncertainty import NORMAL_95
-
-LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Measures that are not compared between conditions: times that depend on the recording, not on the patient."""
 
 CURVES: Final = (
     "upright_share",
@@ -47,17 +50,11 @@ DESIGNS: Final = {
 }
 
 
-class ConditionRow(NamedTuple):
-    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, and the
-    difference from the reference condition. The verdict states whether the trials demonstrate this difference, or why
-    they do not.
-    """
-
-    condition: str
-    trials: str
-    value: Markup
-    difference: Markup
-    verdict: Markup
+Row = tuple[str, list[str | Markup]]
+"""A condition's name, and four cells: the number of its trials that have a value, the mean of these values, the
+difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
+difference, or why they do not.
+"""
 
 
 class ConditionGroup(NamedTuple):
@@ -65,7 +62,7 @@ class ConditionGroup(NamedTuple):
 
     title: str
     meaning: str
-    rows: list[ConditionRow]
+    rows: list[Row]
 
 
 class ConditionSection(NamedTuple):
@@ -121,9 +118,8 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
     """Return, for each measure that is shown, its table rows for all trials, in the order in which measures are shown;
     a measure without any value is left out.
     """
-    names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
     found: dict[MeasureKey, list[Measure]] = {}
-    for name in names:
+    for name in chosen or COMPARED:
         rows = [row for row in session.trial_measures if row.measure == name and row.trial is not None]
         if not rows and chosen:
             problem = f"has no measure '{name}' of trials"
@@ -187,34 +183,18 @@ def _group(
     return ConditionGroup(title_of(rows[0]), words_of(rows[0].measure).meaning, named)
 
 
-def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> ConditionRow:
+def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> Row:
     own = [row for row in rows if row.condition == name]
     known = sum(row.value is not None for row in own)
     unknown = Markup('<i class="why">no value: {}</i>')
     value = unknown.format(mean.why) if mean.value is None else value_and_error(mean)
+    trials = f"{known} of {len(own)}"
     if effect is None:
-        return ConditionRow(name, f"{known} of {len(own)}", value, Markup("reference"), Markup())
-    return ConditionRow(name, f"{known} of {len(own)}", value, _difference(effect, mean), _verdict(effect, mean))
-
-
-def _difference(effect: Effect, like: Measure) -> Markup:
-    """Return the cell of a difference from the reference condition with its 95 % interval, with as many digits as the
-    interval justifies. like: a table row of the same measure, for the measure's name and unit.
-    """
-    if effect.difference is None:
-        return Markup('<span class="unknown">not known</span>')
-    form = _form(effect, like)
-    sign = "+" if effect.difference > 0 else ""
-    text = Markup("{}{}").format(sign, figure(effect.difference, form))
-    if effect.low is None or effect.high is None:
-        return text
-    return Markup("{} ({} to {})").format(text, figure(effect.low, form), figure(effect.high, form))
-
-
-def _form(effect: Effect, like: Measure) -> Form:
-    reach = None if effect.low is None or effect.high is None else (effect.high - effect.low) / 2.0
-    sigma = None if not reach else reach / NORMAL_95
-    return value_form(Measure(measure=like.measure, value=effect.difference, unit=like.unit, sigma=sigma, frames=0))
+        return name, [trials, value, "reference", ""]
+    difference = Markup('<span class="unknown">not known</span>')
+    if effect.difference is not None:
+        difference = value_and_interval(mean, effect.difference, effect.low, effect.high)
+    return name, [trials, value, difference, _verdict(effect, mean)]
 
 
 def _verdict(effect: Effect, like: Measure) -> Markup:
@@ -226,7 +206,8 @@ def _verdict(effect: Effect, like: Measure) -> Markup:
         return cell.format("exceeds", f"a difference: {p}")
     if effect.p >= ALPHA:
         return cell.format("within", f"not shown: {p}")
-    limit = _form(effect, like).write(float(effect.detectable or np.nan))
+    form = form_within(like, effect.difference, effect.low, effect.high)
+    limit = form.write(float(effect.detectable or np.nan))
     what = "below the minimal detectable change" if effect.repeated else "within the errors of measurement"
     return cell.format("within", f"not shown: {what} (± {limit}), {p}")
 

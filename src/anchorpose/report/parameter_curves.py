@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from anchorpose.recording.events import TrialColumn, Trials
 from anchorpose.report.measure_section import unit_of, words_of
-from anchorpose.report.still_chart import Line, Points, StillChart, across, still_row
+from anchorpose.report.still_chart import Side, StillChart, across, still_row
 from anchorpose.report.words import decimals_for, number
 from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.records import Measure, MeasureKey
@@ -70,7 +70,7 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
     """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
-    points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
+    drawn, table = list[Side](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)
     for rows in sides:
         known = [row for row in rows if row.value is not None and isinstance(cells.get(row.trial or 0), float)]
@@ -80,28 +80,24 @@ def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure
         levels, side = levels_of(at, value, sigma, systematic_share(rows[0].unit)), rows[0].side or ""
         if len(levels) < LEAST_LEVELS:
             continue
-        points.append(Points(side=side, x=at, y=value, reach=NORMAL_95 * sigma))
-        lines.append(_line(side, levels))
+        x, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
+        points = {"x": at, "y": value, "reach": NORMAL_95 * sigma}
+        drawn.append(Side(side=side, **points, line_x=x, line_y=mean, low=mean - half, high=mean + half))
         table += [_cells(side, level, column, unit) for level in levels]
-    if not points:
+    if not drawn:
         return None
     name, what = sides[0][0].measure, words_of(sides[0][0].measure).title
-    span = (min(float(each.x.min()) for each in points), max(float(each.x.max()) for each in points))
+    span = (min(float(each.x.min()) for each in drawn), max(float(each.x.max()) for each in drawn))
     axis = f"{column.name}, {column.unit}" if column.unit not in ("1", "arbitrary") else column.name
     return StillChart(
         identity=f"parameter-{name}-{trials.columns.index(column)}",
         title=f"{what} over {axis}",
         caption=f"{what} over {axis}",
-        row=still_row(unit.strip() or what, points, lines, span),
-        ticks=_ticks(np.unique(np.concatenate([each.x for each in points])), span),
+        row=still_row(unit.strip() or what, drawn, span),
+        ticks=_ticks(np.unique(np.concatenate([each.x for each in drawn])), span),
         head=(axis, "trials", "mean", "95 % interval"),
         rows=table,
     )
-
-
-def _line(side: str, levels: Sequence[Level]) -> Line:
-    at, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
-    return Line(side=side, x=at, y=mean, low=mean - half, high=mean + half)
 
 
 def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str, Sequence[str]]:
