@@ -166,15 +166,10 @@ CSV_REMEDY: Final = (
 )
 
 
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; raises InputError if it cannot be read as text."""
-    return read_text(path, LARGEST_TABLE).splitlines()
-
-
 def read_trc(path: Path, unit: str | None = None) -> Captured:
     """Read a TRC file. unit: as in ``read_c3d``. A marker is missing where its cells are empty, NaN, or all zero."""
     remedy = "export it again as TRC"
-    lines = read_lines(path)
+    lines = read_text(path, LARGEST_TABLE).splitlines()
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
         raise InputError(path, "is not a TRC file", remedy)
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
@@ -190,7 +185,7 @@ def read_trc(path: Path, unit: str | None = None) -> Captured:
 
 def read_mot(path: Path) -> Captured:
     """Read the joint angles of OpenSim's MOT or STO file, in degrees; translations (``_tx`` and so on) are left out."""
-    lines = read_lines(path)
+    lines = read_text(path, LARGEST_TABLE).splitlines()
     end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or len(lines) < end + 3:
         raise InputError(path, "is not a MOT file with values", "export it again from OpenSim")

@@ -192,8 +192,8 @@ _PLUG_IN: Final = {
     "ElbowAngles": "elbow_flexion",
 }
 """Angles of this program by the other system's name (``_OPENSIM``, ``_PLUG_IN``); the two angles differ by a constant
-at most, apart from the sign of the knee (``knee_sign``). Angles of Plug-in Gait have three components, of which the
-first (flexion) is compared.
+at most, apart from the sign of the knee (``with_knee_sign``). Angles of Plug-in Gait have three components, of which
+the first (flexion) is compared.
 """
 
 
