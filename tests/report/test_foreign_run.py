@@ -14,8 +14,7 @@ from report_builder import squats, write_session
 
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences
-from anchorpose.report.kept_frames import kept_frames
-from anchorpose.report.page import corrections, problems, provenance, write_report
+from anchorpose.report.page import corrections, kept_frames, problems, provenance, write_report
 from anchorpose.report.session import Session, input_hashes, read_session
 from anchorpose.report.summary import summary
 from anchorpose.report.timeline import kept_rows, matched_percent
