@@ -7,7 +7,7 @@ was seen. Each contact has only one such share, since the tables do not state at
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -154,15 +154,15 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
     return median, highest
 
 
-def matched_percent(session: Session) -> np.ndarray | None:
-    """Return (n,) the percentage of the followed surface points that were matched in the next frame, NaN where no point
-    was followed (``association.matched_share`` in run.json). Return None unless run.json states the percentage for
-    every frame.
+def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
+    """Return (count,) the share of the followed surface points that were matched in the next frame, NaN where no point
+    was followed (``association.matched_share`` in run.json). Return None unless run.json states the share for each of
+    the ``count`` frames.
     """
-    shares = session.run.get("association", {}).get("matched_share", [])
-    if len(shares) != len(session.joints.frame):
+    shares = run.get("association", {}).get("matched_share", [])
+    if len(shares) != count:
         return None
-    return np.array([np.nan if share is None else 100.0 * share for share in shares])
+    return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
 
 
 def _share(session: Session, state: JointState) -> np.ndarray:
@@ -188,8 +188,9 @@ def _confidence(session: Session) -> tuple[list[Row], list[Reading]]:
         rows.append(_line_row(f"± of the {name} joint, mm", value, bins))
         columns = lowest_and_highest(f"plus_minus_{name}_joint_{{}}_mm", value, bins, 1)
         spoken.append(Reading(label=f"{name} joint ±", unit=" mm", columns=columns))
-    matched = matched_percent(session)
-    if matched is not None:
+    share = matched_share(session.run, len(session.joints.frame))
+    if share is not None:
+        matched = 100.0 * share
         spoken.append(_share_reading("points found again", "matched", matched, bins))
         if np.isfinite(matched).any():
             rows.append(_share_row("points found again", matched, bins, "matched"))
