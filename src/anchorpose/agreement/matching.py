@@ -43,8 +43,8 @@ class Match:
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
-    reference has no joints. given_names, given_deg (n, a): angles as the other system computes them, with the sign of
-    this program. placement: None if the reference has only angles.
+    reference has no joints. given_deg (n, a): the angles ``reference.angles`` as the other system computes them, with
+    the sign of this program. placement: None if the reference has only angles.
     """
 
     results: Path
@@ -57,11 +57,6 @@ class Match:
     ours: AngleTable
     theirs: AngleTable | None
     given_deg: np.ndarray
-
-    @property
-    def given_names(self) -> tuple[str, ...]:
-        """Return the names of the angles that the other system computed."""
-        return self.reference.angles
 
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:

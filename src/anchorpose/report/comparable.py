@@ -163,12 +163,9 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
             *span_sentences(first.measures, later.measures),
             *_bodies(first.run, later.run),
         ]
-        notes += [f"{label} against {labels[0]}: {sentence}{_full_stop(sentence)}" for sentence in sentences]
+        ended = [sentence if sentence.endswith("?") else f"{sentence}." for sentence in sentences]
+        notes += [f"{label} against {labels[0]}: {sentence}" for sentence in ended]
     return notes
-
-
-def _full_stop(sentence: str) -> str:
-    return "" if sentence.endswith("?") else "."
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
