@@ -90,12 +90,12 @@ def open_review(results: Path, recording: Path | None) -> Review:
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
     require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED.file, CONTACTS_FILE), run)
-    kinds = (POSES, ANCHORS, EXPLAINED)
-    poses, anchors, explained = (_if_there(kind, results) for kind in kinds)
+    poses, anchors, explained = (_if_there(table, results) for table in (POSES, ANCHORS, EXPLAINED))
     angles = ANGLES.read(results / ANGLES.file)
-    for kind, table in zip((*kinds, ANGLES), (poses, anchors, explained, angles), strict=True):
+    tables = {POSES.file: poses, ANCHORS.file: anchors, EXPLAINED.file: explained, ANGLES.file: angles}
+    for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
-            raise InputError(results / kind.file, "has other frames than joints.parquet", "track the recording again")
+            raise InputError(results / file, "has other frames than joints.parquet", "track the recording again")
     contacts = read_contacts(results / CONTACTS_FILE) if (results / CONTACTS_FILE).exists() else ()
     return Review(
         name=results.resolve().name,
