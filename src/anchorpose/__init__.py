@@ -29,7 +29,22 @@ _PLACES: Final = {  # the module of each public name
     "track": "api.track",
 }
 
-__all__ = list(_PLACES)
+__all__ = [
+    "JOINT_NAMES",
+    "AnchorposeError",
+    "Camera",
+    "DepthImages",
+    "InputError",
+    "Intrinsics",
+    "JointState",
+    "Pose",
+    "Results",
+    "Subject",
+    "TrackConfig",
+    "Tracker",
+    "open",
+    "track",
+]
 
 
 def _is_writable(folder: str) -> bool:

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from anchorpose.agreement.captured import read_captured
-from anchorpose.agreement.knee_sign import with_knee_sign
 from anchorpose.agreement.marking import known_marking
+from anchorpose.agreement.matching import with_knee_sign
 from anchorpose.agreement.reference import functional_centre, harrington_hip, other_side, pelvis_frame, read_reference
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX

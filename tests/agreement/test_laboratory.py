@@ -110,7 +110,7 @@ def test_knees_that_bend_backwards_in_the_file_are_compared_with_the_sign_of_the
     text = "\n".join(["time_s,knee_angle_l_deg,knee_angle_r_deg", *(",".join(map(repr, row)) for row in rows)])
     (tmp_path / "angles.csv").write_text(text, encoding="utf-8")
     found = match_results(lab.results, read_reference(tmp_path / "angles.csv"))
-    assert found.given_names == names
+    assert found.reference.angles == names
     assert np.nanmedian(np.abs(found.given_deg - bent)) < 0.1
     assert "opposite sign" in found.reference.notes[-1]
 

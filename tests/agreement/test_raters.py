@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from ratings_builder import write_scores
 
-from anchorpose.agreement.raters import rater_agreement
-from anchorpose.agreement.reliability import absolute_agreement, mean_squares
+from anchorpose.agreement.reliability import absolute_agreement, mean_squares, rater_agreement
 from anchorpose.cli import main
 
 JUDGES = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]])

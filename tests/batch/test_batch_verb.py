@@ -9,9 +9,8 @@ import pytest
 from recording_builder import edit_json, write_recording
 from report_builder import squats, write_session
 
-from anchorpose.batch.identity import identity_of
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.summary import MEASURES, OTHER_RUN, SESSIONS
+from anchorpose.batch.summary import MEASURES, OTHER_RUN, SESSIONS, identity_of
 from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from anchorpose.batch.identity import done_identity
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.summary import SESSIONS
+from anchorpose.batch.summary import SESSIONS, done_identity
 from anchorpose.batch.tracking import track_session
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions

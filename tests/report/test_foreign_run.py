@@ -14,11 +14,10 @@ from report_builder import squats, write_session
 
 from anchorpose.errors import InputError
 from anchorpose.report.comparable import differences
-from anchorpose.report.kept_frames import kept_frames
-from anchorpose.report.page import corrections, problems, provenance, write_report
+from anchorpose.report.page import corrections, kept_frames, problems, provenance, write_report
 from anchorpose.report.session import Session, input_hashes, read_session
 from anchorpose.report.summary import summary
-from anchorpose.report.timeline import kept_rows, matched_percent
+from anchorpose.report.timeline import kept_rows, matched_share
 from anchorpose.results.run_record import read_run
 
 PNG = cv2.imencode(".png", np.full((4, 6, 3), 90, np.uint8))[1].tobytes()
@@ -81,8 +80,9 @@ def places(value: Any) -> Iterator[tuple[str | int, ...]]:
 
 def use(session: Session) -> None:
     """Everything on the page that comes from run.json."""
-    for part in (provenance, problems, corrections, kept_frames, kept_rows, matched_percent, summary):
+    for part in (provenance, problems, corrections, kept_frames, kept_rows, summary):
         part(session)
+    matched_share(session.run, len(session.joints.frame))
     differences((session, session), ("a", "b"))
 
 

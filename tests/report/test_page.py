@@ -18,7 +18,7 @@ from session_builder import support
 
 from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_NAMES, JointState
-from anchorpose.pages.overlay import FramePicture, save_pictures
+from anchorpose.pages.overlay import save_pictures
 from anchorpose.report.chart import make_bins
 from anchorpose.report.curves import step_path
 from anchorpose.report.measure_section import GROUPS, grouped_measures, words_of
@@ -26,6 +26,7 @@ from anchorpose.report.page import write_report
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure
+from anchorpose.results.run_record import PictureRecord
 
 FRAMES = 120
 
@@ -149,7 +150,10 @@ def test_kept_pictures_are_shown_with_why_they_were_chosen(tmp_path):
     folder = write_session(tmp_path / "r", frames)
     png = cv2.imencode(".png", np.full((40, 60, 3), 90, np.uint8))[1].tobytes()
     reasons = {2: "", 15: "sitting down"}
-    pictures = [FramePicture(k, k / 30, "front", png, "hand < hip", why) for k, why in reasons.items()]
+    pictures = [
+        (PictureRecord(f"pictures/{k:06d}_front.png", k, k / 30, "front", "hand < hip", why), png)
+        for k, why in reasons.items()
+    ]
     records = [asdict(record) for record in save_pictures(folder, pictures)]
     page = PageReader(write_report(write_session(folder, frames, pictures=records)))
     assert [image.attributes["alt"] for image in page.find("img")] == ["Camera front. hand < hip"] * 2

@@ -69,8 +69,8 @@ def test_a_seen_joint_is_filled_an_inferred_one_hollow_and_an_anchor_a_vermillio
     assert _pixel(picture, joints[JOINT_INDEX["HandLeft"]]).max() < 60
     depth = np.full((212, 256), 2.0, np.float32)
     head = standing_joints()[JOINT_INDEX["Head"]]
-    anchors = np.array([head, [np.nan] * 3])
-    scene = OverlayScene(camera=CAMERA, depth_m=depth, anchors_m=anchors, anchor_names=("Head", "HandLeft"))
+    anchors = np.array([head, *[[np.nan] * 3] * 4])
+    scene = OverlayScene(camera=CAMERA, depth_m=depth, anchors_m=anchors)
     blue, green, red = _pixel(draw_scene(scene), head)
     assert (red > 180, green < 130, blue < 60) == (True, True, True)
 

@@ -121,26 +121,17 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     except (OSError, RuntimeError, KeyError, IndexError, ValueError, SystemError) as error:
         reason = (str(error).splitlines() or ["no reason given"])[0][:80]
         raise InputError(path, f"cannot be read as C3D ({reason})", "export it again from the other system") from None
-    labels = _labels(group)[: places.shape[1]]
-    listed = set(_texts(group, "ANGLES"))
     if rate_hz <= 0:
         raise InputError(path, "states no frame rate", "export it again from the other system")
-    places = np.where((residual < 0)[:, : len(labels), None], np.nan, places[:, : len(labels)])
-    is_angle = np.array([label in listed for label in labels], dtype=bool)
-    own = np.array([not label.startswith("*") and bool(label) for label in labels], dtype=bool) & ~is_angle
-    scale = metres_per_unit(path, (_texts(group, "UNITS") or (None,))[0], unit) if own.any() else 1.0
-    names = tuple(_plain(label) for label, keep in zip(labels, own, strict=True) if keep)
+    labels, listed = _labels(group)[: places.shape[1]], _texts(group, "ANGLES")
+    places = np.where((residual < 0)[:, :, None], np.nan, places)
+    angles = [k for k, label in enumerate(labels) if label in listed]
+    own = [k for k, label in enumerate(labels) if label and not label.startswith("*") and k not in angles]
+    scale = metres_per_unit(path, (_texts(group, "UNITS") or (None,))[0], unit) if own else 1.0
+    names, angle_names = (tuple(_plain(labels[k]) for k in chosen) for chosen in (own, angles))
     repeated_label(path, names)
-    return checked(
-        Captured(
-            path,
-            (first + np.arange(len(places))) / rate_hz,
-            names,
-            scale * places[:, own],
-            tuple(_plain(label) for label, keep in zip(labels, is_angle, strict=True) if keep),
-            places[:, is_angle, 0],
-        )
-    )
+    time_s = (first + np.arange(len(places))) / rate_hz
+    return checked(Captured(path, time_s, names, scale * places[:, own], angle_names, places[:, angles, 0]))
 
 
 def _labels(group: Any) -> tuple[str, ...]:
@@ -166,15 +157,10 @@ CSV_REMEDY: Final = (
 )
 
 
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; raises InputError if it cannot be read as text."""
-    return read_text(path, LARGEST_TABLE).splitlines()
-
-
 def read_trc(path: Path, unit: str | None = None) -> Captured:
     """Read a TRC file. unit: as in ``read_c3d``. A marker is missing where its cells are empty, NaN, or all zero."""
     remedy = "export it again as TRC"
-    lines = read_lines(path)
+    lines = read_text(path, LARGEST_TABLE).splitlines()
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
         raise InputError(path, "is not a TRC file", remedy)
     header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
@@ -190,7 +176,7 @@ def read_trc(path: Path, unit: str | None = None) -> Captured:
 
 def read_mot(path: Path) -> Captured:
     """Read the joint angles of OpenSim's MOT or STO file, in degrees; translations (``_tx`` and so on) are left out."""
-    lines = read_lines(path)
+    lines = read_text(path, LARGEST_TABLE).splitlines()
     end = next((row for row, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None or len(lines) < end + 3:
         raise InputError(path, "is not a MOT file with values", "export it again from OpenSim")

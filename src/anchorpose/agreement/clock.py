@@ -207,8 +207,8 @@ def find_clock(ours: Signals, theirs: Signals) -> Clock:
 
     Raises NoCommonMovement if the best offset explains too little of the movement, or another offset explains as much.
     """
-    offset_s, correlation = _coarse_offset(ours, theirs)
-    return refine_clock(ours, theirs, starting_clock(offset_s, correlation))
+    r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
+    return refine_clock(ours, theirs, starting_clock(*offset_of_peak(ours, theirs, r, overlap)))
 
 
 def starting_clock(offset_s: float, correlation: float) -> Clock:
@@ -230,7 +230,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
     with_drift: if False, drift and its sigma stay as in ``clock``, for recordings that are too short to show a drift.
     Raises NoCommonMovement if the two recordings have too few common samples.
     """
-    offset_s, drift, middle_s, correlation = clock.offset_s, clock.drift, clock.middle_s, clock.correlation
+    offset_s, drift, middle_s = clock.offset_s, clock.drift, clock.middle_s
     free = slice(2 if with_drift else 1)
     for _ in range(ITERATIONS):
         blocks = _normal_equations(ours, theirs, offset_s, drift, middle_s)
@@ -244,31 +244,13 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
         if abs(step[0]) < 1e-7 and abs(step[1]) < 1e-9:
             break
     sigma = np.append(_jackknife(matrix, right), DRIFT_SIGMA)
+    overlap_s = (float(known_s[0]), float(known_s[-1]))
+    found = replace(clock, offset_s=offset_s, offset_sigma_s=float(sigma[0]), middle_s=middle_s, overlap_s=overlap_s)
     if not with_drift:
-        return replace(
-            clock,
-            offset_s=offset_s,
-            offset_sigma_s=float(sigma[0]),
-            middle_s=middle_s,
-            overlap_s=(float(known_s[0]), float(known_s[-1])),
-        )
+        return found
     # combine the drift with its prior, which has mean 0 and standard deviation DRIFT_SIGMA
     share = DRIFT_SIGMA**2 / (DRIFT_SIGMA**2 + sigma[1] ** 2)
-    return Clock(
-        offset_s=offset_s,
-        offset_sigma_s=float(sigma[0]),
-        drift=share * drift,
-        drift_sigma=float(np.sqrt(share) * sigma[1]),
-        middle_s=middle_s,
-        correlation=correlation,
-        overlap_s=(float(known_s[0]), float(known_s[-1])),
-    )
-
-
-def _coarse_offset(ours: Signals, theirs: Signals) -> tuple[float, float]:
-    """Return the offset in seconds at which the correlation is best, and this correlation."""
-    r, overlap = _correlations(ours.values[::COARSE], theirs.values[::COARSE])
-    return offset_of_peak(ours, theirs, r, overlap)
+    return replace(found, drift=share * drift, drift_sigma=float(np.sqrt(share) * sigma[1]))
 
 
 def offset_of_peak(

@@ -108,12 +108,6 @@ class Compared:
         known = np.isfinite(self.ours + self.theirs + self.offset) & (self.state_code != LOST)
         return np.asarray(known & in_state(self.state_code, state))
 
-    def their_values(self, offset: str) -> np.ndarray:
-        """Return the other system's values (n,), converted to this program's definition of the joint or angle if
-        ``offset`` is ``offset_removed``.
-        """
-        return self.theirs + self.offset if offset == OFFSET_REMOVED else self.theirs
-
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -132,7 +126,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
     """Return all quantities that can be compared: coordinates and angles of joints, and angles in the other system's
     file.
     """
-    given = dict.fromkeys(name for match in matches for name in match.given_names)
+    given = dict.fromkeys(name for match in matches for name in match.reference.angles)
     return [
         *(
             Quantity("joint", name, axis, "mm", partial(_joint, joint=joint, axis=column))
@@ -209,9 +203,13 @@ def _error_row(about: tuple[str, str, str, str], error: np.ndarray, **values: An
 
 def _shape(parts: Parts, offset: str) -> dict[str, Any]:
     """Return the coefficient of multiple correlation, both systems' ranges (largest minus smallest value), and the
-    difference of the ranges, each as the mean over recordings.
+    difference of the ranges, each as the mean over recordings. If ``offset`` is ``offset_removed``, the other system's
+    values are converted to this program's definition of the joint or angle.
     """
-    pairs = [(each.ours[chosen], each.their_values(offset)[chosen]) for each, _, chosen in parts]
+    pairs = [
+        (each.ours[chosen], (each.theirs + each.offset if offset == OFFSET_REMOVED else each.theirs)[chosen])
+        for each, _, chosen in parts
+    ]
     cmc = [waveform_correlation(*pair) for pair in pairs]
     ranges = [tuple(float(np.ptp(values)) for values in pair) for pair in pairs]
     ours, theirs = np.mean(ranges, axis=0)
@@ -293,7 +291,7 @@ def _angle(match: Match, name: str) -> Compared | None:
 
 
 def _given(match: Match, name: str) -> Compared | None:
-    names = match.given_names
+    names = match.reference.angles
     return _of_angle(match, name, match.given_deg[:, names.index(name)]) if name in names else None
 
 

@@ -13,7 +13,7 @@ from anchorpose.errors import InputError
 from anchorpose.joints import JOINT_INDEX, JOINT_NAMES, LOST, JointState
 from anchorpose.recording.document import read_rows
 from anchorpose.recording.reader import open_recording
-from anchorpose.recording.recording import Clock, Recording, half_period_s, nearest_within
+from anchorpose.recording.recording import Clock, DepthStream, Recording, half_period_s, nearest_within
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
@@ -65,25 +65,14 @@ def evaluate_labels(results: Path, recording: Path, labels: Path) -> tuple[Image
         if label.camera not in views:
             remedy = f"the results have poses of {', '.join(sorted(views)) or 'no camera of this recording'}"
             raise InputError(labels, f"names camera '{label.camera}', which has no pose in {results}", remedy)
-        view = views[label.camera]
-        image = np.flatnonzero(view.frame == label.frame)
-        row = nearest_within(view.time_s[image], joints.time_s, half_period_s(joints.time_s)) if len(image) else image
+        camera, stream = views[label.camera]
+        image = np.flatnonzero(stream.frame == label.frame)
+        row = nearest_within(stream.time_s[image], joints.time_s, half_period_s(joints.time_s)) if len(image) else image
         if len(row) and row[0] >= 0:
-            found.append(_distance(view, joints, int(row[0]), label))
+            found.append(_distance(camera, joints, int(row[0]), label))
     if not found:
         raise InputError(labels, "labels no frame of these results", "give the labels of that recording")
     return _groups(found)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """A camera with the pose that tracking used. time_s (n,): times of its images on the results' clock; frame (n,):
-    numbers of the images.
-    """
-
-    camera: Camera
-    time_s: np.ndarray
-    frame: np.ndarray
 
 
 class _Distance(NamedTuple):
@@ -97,8 +86,10 @@ class _Distance(NamedTuple):
     mm: float
 
 
-def _views(results: Path, recording: Recording) -> dict[str, _View]:
-    """Return the views by the name of their camera; cameras without a pose in run.json are left out."""
+def _views(results: Path, recording: Recording) -> dict[str, tuple[Camera, DepthStream]]:
+    """Return, by name, each camera with the pose that tracking used, and its images with their times on the results'
+    clock; cameras without a pose in run.json are left out.
+    """
     records = {str(each["name"]): each for each in read_run(results / RUN_FILE).get("cameras", [])}
     found = {}
     for camera, stream in zip(recording.cameras, recording.streams, strict=True):
@@ -106,15 +97,15 @@ def _views(results: Path, recording: Recording) -> dict[str, _View]:
         if record.get("camera_to_world") is not None:
             placed = replace(camera, T_world_camera=np.array(record["camera_to_world"], dtype=np.float64))
             clock = Clock(**(record.get("clock") or {}))
-            found[camera.name] = _View(placed, clock.reference_s(stream.time_s), stream.frame)
+            found[camera.name] = placed, replace(stream, time_s=clock.reference_s(stream.time_s))
     return found
 
 
-def _distance(view: _View, joints: JointTable, row: int, label: _Label) -> _Distance:
+def _distance(camera: Camera, joints: JointTable, row: int, label: _Label) -> _Distance:
     column = JOINT_INDEX[label.joint]
-    point = transform_points(invert_rigid(view.camera.require_pose()), joints.position_m[row, column])
-    pixels = float(np.linalg.norm(view.camera.project(point[None])[0] - label.pixel))
-    focal = 0.5 * float(view.camera.intrinsics.matrix[0, 0] + view.camera.intrinsics.matrix[1, 1])
+    point = transform_points(invert_rigid(camera.require_pose()), joints.position_m[row, column])
+    pixels = float(np.linalg.norm(camera.project(point[None])[0] - label.pixel))
+    focal = 0.5 * float(camera.intrinsics.matrix[0, 0] + camera.intrinsics.matrix[1, 1])
     return _Distance(
         label.joint, int(joints.state_code[row, column]), pixels, 1000.0 * pixels * float(point[2]) / focal
     )

@@ -4,7 +4,7 @@ angles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Final
@@ -20,13 +20,12 @@ from anchorpose.agreement.clock import (
     refine_clock,
     resampled,
 )
-from anchorpose.agreement.knee_sign import with_knee_sign
 from anchorpose.agreement.placement import Placement, place, residual, segment_axes
 from anchorpose.agreement.reference import Reference, exchanged
 from anchorpose.camera import transform_points
 from anchorpose.errors import DegenerateGeometry, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
-from anchorpose.results.joint_angles import joint_angles
+from anchorpose.results.joint_angles import ANGLE_NAMES, joint_angles
 from anchorpose.results.tables import JOINTS_FILE, AngleTable, JointTable, read_joints
 from anchorpose.results.truth import Sides, require_as_is
 from anchorpose.results.verify import require_own
@@ -44,8 +43,8 @@ class Match:
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
-    reference has no joints. given_names, given_deg (n, a): angles as the other system computes them, with the sign of
-    this program. placement: None if the reference has only angles.
+    reference has no joints. given_deg (n, a): the angles ``reference.angles`` as the other system computes them, with
+    the sign of this program. placement: None if the reference has only angles.
     """
 
     results: Path
@@ -59,18 +58,13 @@ class Match:
     theirs: AngleTable | None
     given_deg: np.ndarray
 
-    @property
-    def given_names(self) -> tuple[str, ...]:
-        """Return the names of the angles that the other system computed."""
-        return self.reference.angles
-
 
 def match_results(results: Path, reference: Reference, given: np.ndarray | None = None) -> Match:
     """Match results with a reference: find the reference's clock and pose. given: the reference's pose
     T_world_reference (4, 4), if known.
 
-    Raises InputError if lengths have another unit, an axis is mirrored, left and right are exchanged, or no common
-    movement is found.
+    Raises InputError if lengths have another unit, the reference fits much better with a mirrored axis or with left and
+    right exchanged, or no common movement is found.
     """
     require_own(results, (JOINTS_FILE,))
     joints = read_joints(results / JOINTS_FILE)
@@ -81,7 +75,7 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
         remedy = "name the angles knee_flexion_left and knee_flexion_right in the file, with flexion positive"
         raise InputError(reference.path, problem, remedy)
     _require_scale(joints, reference)
-    require_sides(joints, ours, reference)
+    require_as_is(reference.path, _misfits(joints, ours, reference), is_length=bool(reference.centres.joints))
     try:
         return _match(results, joints, ours, reference, given)
     except NoCommonMovement as error:
@@ -93,14 +87,7 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
 def _match(
     results: Path, joints: JointTable, ours: AngleTable, reference: Reference, given: np.ndarray | None
 ) -> Match:
-    columns = [ours.column(name) for name in reference.angles]
-    signals = common_signals(
-        (joints.time_s, joints.position_m, ours.degrees[:, columns]),
-        (reference.time_s, reference.centres.position_m, reference.degrees),
-    )
-    if signals is None:
-        raise NoCommonMovement("no joint that both have moves against another by more than noise")
-    clock, axes = find_clock(*signals), segment_axes(joints.position_m)
+    clock, axes = _clock_of_movement(joints, ours, reference), segment_axes(joints.position_m)
     at_s = clock.reference_time_s(joints.time_s)
     theirs_m = resampled(reference.time_s, reference.centres.position_m, at_s)
     if not reference.centres.joints:
@@ -118,6 +105,18 @@ def _match(
     given_deg = resampled(reference.time_s, reference.degrees, at_s)
     theirs = _angles_of(joints, theirs_m)
     return Match(results, reference, clock, placement, joints, theirs_m, axes, ours, theirs, given_deg)
+
+
+def _clock_of_movement(joints: JointTable, ours: AngleTable, reference: Reference) -> Clock:
+    """Return the clock by distances between joints, and angles; raises NoCommonMovement if these do not show it."""
+    columns = [ours.column(name) for name in reference.angles]
+    signals = common_signals(
+        (joints.time_s, joints.position_m, ours.degrees[:, columns]),
+        (reference.time_s, reference.centres.position_m, reference.degrees),
+    )
+    if signals is None:
+        raise NoCommonMovement("no joint that both have moves against another by more than noise")
+    return find_clock(*signals)
 
 
 def _clock_of_positions(
@@ -162,12 +161,6 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def require_sides(joints: JointTable, ours: AngleTable, reference: Reference) -> None:
-    """Raise InputError if the reference fits much better with a mirrored axis, or with left and right exchanged."""
-    misfit = _misfits(joints, ours, reference)
-    require_as_is(reference.path, misfit, is_length=bool(reference.centres.joints))
-
-
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
     """Return the misfit for each combination of exchanged sides and mirrored axis. The misfit is the median distance in
     metres between both systems' joints after the best rigid motion. If the reference has no joints, the misfit is the
@@ -175,15 +168,8 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
     """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):
-        columns = [ours.column(name) for name in other.angles]
-        signals = common_signals(
-            (joints.time_s, joints.position_m, ours.degrees[:, columns]),
-            (other.time_s, other.centres.position_m, other.degrees),
-        )
         try:
-            if signals is None:
-                continue
-            clock = find_clock(*signals)
+            clock = _clock_of_movement(joints, ours, other)
             if not other.centres.joints:
                 found[Sides(is_exchanged, False)] = 1.0 - clock.correlation**2
                 continue
@@ -202,3 +188,56 @@ def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])
     return float(np.median(np.linalg.norm(ours_m[both] - transform_points(T, theirs_m[both]), axis=1)))
+
+
+LARGEST_ZERO_DEG: Final = 10.0
+"""Maximum difference in degrees between the zeros of knee flexion in two systems. Centres of joints differ by up to 30
+mm between definitions; a knee that lies 30 mm farther forward changes the flexion by 9 degrees.
+"""
+
+
+def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
+    """Return the reference with knee angles whose positive sign means flexion, and with a note on how this sign was
+    determined. ours: angles of the results. The systems differ in this sign: in OpenSim's models, for example, a bent
+    knee is negative in gait2392 and positive in the model of Rajagopal.
+
+    Both knees have the same sign: the one with which the middle of their range is nearer to that in the results. This
+    comparison needs no common clock, since knees bend one way. If both signs fit about equally, for example to straight
+    knees, the angles become NaN. Knees that have this program's names in the file have this program's sign.
+    """
+    named = enumerate(zip(reference.angles, reference.labels, strict=True))
+    knees = [k for k, (name, label) in named if name.startswith("knee_flexion") and label not in ANGLE_NAMES]
+    if not knees:
+        return reference
+    middle = _middle(ours.degrees[:, [ours.column(reference.angles[k]) for k in knees]])
+    in_file = _middle(reference.degrees[:, knees])
+    sign, how = _sign(abs(middle - in_file), abs(middle + in_file))
+    degrees = reference.degrees.copy()
+    degrees[:, knees] *= sign
+    note = (
+        f"{' and '.join(reference.labels[k] for k in knees)}: {how}; the middle of the range is {_shown(in_file)} in "
+        f"the file and {_shown(middle)} in the results. To state the sign yourself, name the angles "
+        "knee_flexion_left and knee_flexion_right in the file, with flexion positive."
+    )
+    return replace(reference, degrees=degrees, notes=(*reference.notes, note))
+
+
+def _shown(degrees: float) -> str:
+    return "unknown" if np.isnan(degrees) else f"{degrees:.0f} degrees"
+
+
+def _middle(degrees: np.ndarray) -> float:
+    """Return the middle between the 5th and the 95th percentile of all known angles; NaN if no angle is known."""
+    known = degrees[np.isfinite(degrees)]
+    return float(np.percentile(known, [5.0, 95.0]).mean()) if len(known) else float("nan")
+
+
+def _sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
+    """Return the sign, NaN if it is undecided, and a text on it. as_given_deg, opposite_deg: differences from the
+    results with either sign.
+    """
+    if opposite_deg - as_given_deg > LARGEST_ZERO_DEG:
+        return 1.0, "taken with the sign as given"
+    if as_given_deg - opposite_deg > LARGEST_ZERO_DEG:
+        return -1.0, "taken with the opposite sign"
+    return float("nan"), "left out, since the results do not show which sign means flexion"

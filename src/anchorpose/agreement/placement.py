@@ -18,7 +18,7 @@ import numpy as np
 from anchorpose.camera import transform_points
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX
 from anchorpose.results.angle_definition import Axes, pelvis_axes, trunk_axes
-from anchorpose.rotations import fit_rigid_transform, rotation_matrices, rotation_vectors, unit
+from anchorpose.rotations import fit_rigid_transform, rigid, rotation_matrices, rotation_vectors, unit
 
 ROUNDS: Final = 15  # maximum number of Gauss-Newton steps
 LEAST_FRAMES: Final = 10
@@ -140,9 +140,7 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
     )
     middle = theirs_m[weight > 0].mean(axis=0)
-    T = turned.copy()
-    T[:3, 3] = transform_points(placed, middle) - turned[:3, :3] @ middle
-    return T
+    return rigid(turned[:3, :3], transform_points(placed, middle) - turned[:3, :3] @ middle)
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
@@ -225,10 +223,8 @@ def _step(
 
 def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
     """Return T followed by a small rotation about the point ``centre_m`` and a shift."""
-    step = np.eye(4)
-    step[:3, :3] = rotation_matrices(turn[None])[0]
-    step[:3, 3] = centre_m - step[:3, :3] @ centre_m + shift
-    return np.asarray(step @ T)
+    rotation = rotation_matrices(turn[None])[0]
+    return np.asarray(rigid(rotation, centre_m - rotation @ centre_m + shift) @ T)
 
 
 def _spread(T: np.ndarray, others: list[np.ndarray], centre_m: np.ndarray) -> tuple[float, float]:

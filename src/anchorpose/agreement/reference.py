@@ -160,17 +160,11 @@ def _functional_centre(
     return centre
 
 
-def with_sides_exchanged(track: CentreTrack) -> CentreTrack:
-    """Return the track with left and right joints exchanged."""
-    other = [JOINT_INDEX[other_side(name)] for name in JOINT_NAMES]
-    return CentreTrack(track.position_m[:, other], tuple(track.origin[index] for index in other))
-
-
 def other_side(name: str) -> str:
     """Return the name of the same joint or angle on the other side of the body; a name without a side is returned
     unchanged.
     """
-    for left, right in ((*SIDES.values(),), ("_left", "_right")):
+    for left, right in (("Left", "Right"), ("_left", "_right")):
         if name.endswith(left):
             return name.removesuffix(left) + right
         if name.endswith(right):
@@ -192,8 +186,8 @@ _PLUG_IN: Final = {
     "ElbowAngles": "elbow_flexion",
 }
 """Angles of this program by the other system's name (``_OPENSIM``, ``_PLUG_IN``); the two angles differ by a constant
-at most, apart from the sign of the knee (``knee_sign``). Angles of Plug-in Gait have three components, of which the
-first (flexion) is compared.
+at most, apart from the sign of the knee (``with_knee_sign``). Angles of Plug-in Gait have three components, of which
+the first (flexion) is compared.
 """
 
 
@@ -235,8 +229,9 @@ def read_reference(
 
 def exchanged(reference: Reference) -> Reference:
     """Return the recording with the names of left and right joints and angles exchanged."""
-    angles = tuple(other_side(name) for name in reference.angles)
-    return replace(reference, centres=with_sides_exchanged(reference.centres), angles=angles)
+    other, centres = [JOINT_INDEX[other_side(name)] for name in JOINT_NAMES], reference.centres
+    centres = CentreTrack(centres.position_m[:, other], tuple(centres.origin[index] for index in other))
+    return replace(reference, centres=centres, angles=tuple(other_side(name) for name in reference.angles))
 
 
 def _angles(captured: Captured) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:

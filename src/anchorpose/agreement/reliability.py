@@ -1,8 +1,12 @@
-"""Compute how well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change.
+"""Compute how well measures repeat: intraclass correlations, standard error of measurement, minimal detectable change;
+and, by the same formulas with trials in place of subjects and raters in place of repeats, how well blinded raters agree
+on the scores of trials.
 
 Sources: ICC(2,1) and ICC(3,1) of Shrout and Fleiss 1979
 (doi:10.1037/0033-2909.86.2.420) with the intervals of McGraw and Wong 1996 (doi:10.1037/1082-989X.1.1.30); standard
-error of measurement and minimal detectable change of Weir 2005 (doi:10.1519/15184.1).
+error of measurement and minimal detectable change of Weir 2005 (doi:10.1519/15184.1). For two raters, quadratically
+weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of trials: Fleiss and Cohen 1973
+(doi:10.1177/001316447303300309).
 """
 
 from __future__ import annotations
@@ -17,10 +21,12 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from anchorpose.agreement.statistics import CONFIDENCE, LEAST_UNITS, Estimate
+from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
 from anchorpose.errors import InputError
 from anchorpose.options import plain_number
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
+from anchorpose.results.condition_effect import CONFIDENCE
+from anchorpose.results.ratings import RATING, RATING_UNIT, Ratings, read_ratings
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
@@ -49,11 +55,6 @@ class Reliability:
     sem: float | None = None
     mdc95: float | None = None
     why: str | None = None
-
-    def without(self, why: str) -> Reliability:
-        """Return a row for the same measure without values; why: the reason why values are missing."""
-        about = (self.measure, self.side, self.unit, self.subjects, self.repeats)
-        return Reliability(**dict(zip(COLUMNS, about, strict=False)), why=why)  # type: ignore[arg-type]
 
 
 COLUMNS: Final = tuple(each.name for each in fields(Reliability))
@@ -177,7 +178,10 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
         grid = np.array([[values.get((s, r), {}).get(key, np.nan) for r in repeats] for s in subjects])
         row = reliability_of(*key, grid)
         doubt = _other_unit(grid, subjects, repeats) if row.why is None else None
-        found.append(row if doubt is None else row.without(f"{doubt} of the others: is it in another unit?"))
+        if doubt is not None:
+            about = {name: getattr(row, name) for name in ("measure", "side", "unit", "subjects", "repeats")}
+            row = Reliability(**about, why=f"{doubt} of the others: is it in another unit?")
+        found.append(row)
     return tuple(found)
 
 
@@ -276,3 +280,62 @@ def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
             raise InputError(path, f"has {key[0]} of {row['subject']} twice in {row[repeated]}", "give each value once")
         values[key] = value
     return found
+
+
+RATER_REMEDY: Final = "give the scores of the same sessions from every rater, each file once"
+
+
+@dataclass(frozen=True, slots=True)
+class RaterAgreement:
+    """The agreement of raters. reliability: reliability of one rater's score. raters: the raters' initials. left_out:
+    number of trials that are left out because at least one rater gave no score.
+    """
+
+    reliability: Reliability
+    raters: tuple[str, ...]
+    left_out: int
+
+
+def rater_agreement(paths: Sequence[Path]) -> RaterAgreement:
+    """Return the agreement of two or more raters. paths: one file of 'anchorpose view --rate' per rater and session.
+
+    Raises InputError if a file cannot be used, or the raters did not score the same trials.
+    """
+    files = {path: read_ratings(path) for path in paths}
+    if len(files) < len(paths):
+        raise InputError(paths[0], "is listed beside a file that is given twice", RATER_REMEDY)
+    raters = tuple(dict.fromkeys(each.rater for each in files.values()))
+    sessions = tuple(dict.fromkeys(each.session for each in files.values()))
+    if len(raters) < 2:
+        raise InputError(paths[0], f"has the scores of {raters[0]}, the only rater", "give those of another rater too")
+    held = _by_session_and_rater(files)
+    grids = [_grid(held, session, raters) for session in sessions]
+    values = np.concatenate(grids)
+    left_out = int((~np.isfinite(values).all(axis=1)).sum())
+    return RaterAgreement(reliability_of(RATING, None, RATING_UNIT, values), raters, left_out)
+
+
+def _by_session_and_rater(files: dict[Path, Ratings]) -> dict[tuple[str, str], tuple[Path, Ratings]]:
+    held: dict[tuple[str, str], tuple[Path, Ratings]] = {}
+    for path, ratings in files.items():
+        key = ratings.session, ratings.rater
+        if key in held:
+            raise InputError(
+                path, f"has the scores of {ratings.rater} of the session of {held[key][0]} again", RATER_REMEDY
+            )
+        held[key] = path, ratings
+    return held
+
+
+def _grid(held: dict[tuple[str, str], tuple[Path, Ratings]], session: str, raters: Sequence[str]) -> np.ndarray:
+    """Return the scores (trials, raters) of a session, NaN where a rater gave no score."""
+    there = [held[key] for rater in raters if (key := (session, rater)) in held]
+    path, first = there[0]
+    missing = next((rater for rater in raters if (session, rater) not in held), None)
+    if missing is not None:
+        raise InputError(path, f"has scores of a session that {missing} did not score", RATER_REMEDY)
+    for other, ratings in there:
+        if set(ratings.scores) != set(first.scores):
+            raise InputError(other, f"has other trials than {path}", RATER_REMEDY)
+    scores = [[ratings.scores[trial] for _, ratings in there] for trial in sorted(first.scores)]
+    return np.array(scores, dtype=np.float64)

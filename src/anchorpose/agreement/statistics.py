@@ -15,14 +15,13 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
+from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.uncertainty import NORMAL_95
 
 LEAST_UNITS: Final = 3
 """Minimum number of subjects at which each subject counts as a unit, and minimum number of units for confidence
 intervals. With fewer units, an interval would be too wide to be useful.
 """
-
-CONFIDENCE: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +62,8 @@ def limits_of_agreement(difference: np.ndarray, unit: np.ndarray, independent: i
     size = np.bincount(index).astype(np.float64)
     mean = np.bincount(index, difference) / size
     units, count, bias = len(size), len(difference), float(difference.mean())
-    if units == 1:
-        return _of_one_unit(difference, bias)
-    within = _within_variance(difference, mean[index], count - units)
-    pairs = (count**2 - (size**2).sum()) / ((units - 1) * count)
-    between_square = float((size * (mean - bias) ** 2).sum() / (units - 1))
-    between = max((between_square - (within or 0.0)) / pairs, 0.0)
+    within = float(((difference - mean[index]) ** 2).sum() / (count - units)) if count > units else None
+    between = _between_variance(size, mean - bias, within or 0.0)
     sd = float(np.sqrt(between + (within or 0.0)))
     if units < LEAST_UNITS:
         ends = (Estimate(bias), Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd))
@@ -82,28 +77,20 @@ def limits_of_agreement(difference: np.ndarray, unit: np.ndarray, independent: i
         lower=ends[1],
         upper=ends[2],
         within_sd=None if within is None else float(np.sqrt(within)),
-        between_sd=float(np.sqrt(between)),
+        between_sd=None if units == 1 else float(np.sqrt(between)),
         sd=sd,
     )
 
 
-def _of_one_unit(difference: np.ndarray, bias: float) -> Limits:
-    sd = float(difference.std(ddof=1))
-    lower, upper = Estimate(bias - NORMAL_95 * sd), Estimate(bias + NORMAL_95 * sd)
-    return Limits(
-        count=len(difference),
-        units=1,
-        bias=Estimate(bias),
-        lower=lower,
-        upper=upper,
-        within_sd=sd,
-        between_sd=None,
-        sd=sd,
-    )
-
-
-def _within_variance(difference: np.ndarray, own_mean: np.ndarray, freedom: int) -> float | None:
-    return float(((difference - own_mean) ** 2).sum() / freedom) if freedom > 0 else None
+def _between_variance(size: np.ndarray, off: np.ndarray, within: float) -> float:
+    """Return the variance between units, 0 for a single unit. size, off (units,): number of differences per unit, and
+    the unit's mean minus the bias; within: variance within a unit.
+    """
+    units, count = len(size), size.sum()
+    if units == 1:
+        return 0.0
+    pairs = (count**2 - (size**2).sum()) / ((units - 1) * count)
+    return max((float((size * off**2).sum() / (units - 1)) - within) / pairs, 0.0)
 
 
 def _intervals(

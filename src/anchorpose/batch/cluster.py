@@ -75,49 +75,33 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # noqa: F401 before ``dask.config.set``, whose end would drop the defaults that the import sets
+    import distributed  # before ``dask.config.set``, whose end would drop the defaults that the import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; a job's outcome states why it failed
-        if place.scheduler is None:
-            with _client_of(_local(min(place.workers or cores(), jobs))) as client:
+        if place.scheduler not in (None, SLURM):
+            with _running(str(place.scheduler)) as client:
                 yield client
-        elif place.scheduler == SLURM:
-            with _client_of(_slurm(place, jobs)) as client:
-                yield client
-        else:
-            with _running(place.scheduler) as client:
-                yield client
+            return
+        cluster = _slurm(place, jobs) if place.scheduler == SLURM else _local(min(place.workers or cores(), jobs))
+        client = distributed.Client(cluster)
+        try:
+            yield client
+        finally:
+            # A worker that is being restarted may keep the cluster from closing in time. An error of this kind is
+            # ignored: all outcomes are known by then, and the workers end with this process.
+            for each in (client, cluster):
+                with suppress(TimeoutError):
+                    each.close()
 
 
-@contextmanager
-def _client_of(cluster: Any) -> Iterator[Client]:
-    """Yield a client of a cluster that this process started, and close both at the end.
-
-    A worker that is being restarted may keep the cluster from closing in time. An error of this kind is ignored: all
-    outcomes are known by then, and the workers end with this process.
-    """
-    from distributed import Client
-
-    client = Client(cluster)
-    try:
-        yield client
-    finally:
-        for each in (client, cluster):
-            with suppress(TimeoutError):
-                each.close()
-
-
-@contextmanager
-def _running(address: str) -> Iterator[Client]:
+def _running(address: str) -> Client:
     from distributed import Client
 
     try:
-        client = Client(address, timeout=CONNECT_S)
+        return Client(address, timeout=CONNECT_S)
     except (OSError, ValueError):
         raise AnchorposeError(f"No scheduler answers at {address}; check the address, and that it runs.") from None
-    with client:
-        yield client
 
 
 def _local(workers: int) -> Any:

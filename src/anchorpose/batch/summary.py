@@ -1,5 +1,6 @@
-"""Write the tables of a batch (sessions and measures, as parquet and CSV), with the outcome and the measures of every
-session, and the page index.html.
+"""Find the state of each session of a batch, and write the tables (sessions and measures, as parquet and CSV), with the
+outcome and the measures of every session, and the page index.html. A session is done if the identity that its results
+state is the identity that a new run would have.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
-from anchorpose.batch.identity import is_current
 from anchorpose.batch.sessions import Session
 from anchorpose.batch.worker import Outcome
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JointState
 from anchorpose.recording.document import cell_text, read_json
+from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import is_there
 from anchorpose.recording.writable import whole_file
 from anchorpose.report.measure_section import title_of, value_form
@@ -124,6 +125,44 @@ def require_places(out: Path, sessions: Sequence[Session]) -> None:
 
 def _outcome_file(out: Path, name: str) -> Path:
     return out / LOGS_FOLDER / f"{name}.json"
+
+
+def done_identity(results: Path) -> str | None:
+    """Return the identity in the run.json of a results folder; None if the folder has no such file or identity."""
+    path = results / RUN_FILE
+    return read_run(path).get("identity") if path.is_file() else None
+
+
+def identity_of(session: Session, recording: Path, known: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the identity that a new run would have. known: hashes of files of the recording that are not read."""
+    from anchorpose.track_inputs import UserInputs, read_inputs
+
+    options = session.options
+    given = UserInputs(options.calibration, options.corrections, options.events)
+    return read_inputs(recording, options.settings(), given, known).identity
+
+
+def is_current(session: Session, results: Path) -> bool:
+    """Return whether a new run would have the identity that the results state, without reading all depth images: the
+    hash of an image that still exists is taken from ``run.json``.
+
+    Return True if nothing can be compared: the recording is at an address, does not exist, was not converted, or cannot
+    be read.
+    """
+    from anchorpose.sources.convert import ENDING
+
+    if session.place is None:
+        return True
+    places = (session.place, session.place.with_name(session.place.name + ENDING))
+    recording = next((place for place in places if is_there(place / RECORDING_FILE)), None)
+    if recording is None:
+        return True
+    hashes = read_run(results / RUN_FILE).get("inputs_sha256", {})
+    images = {name: digest for name, digest in hashes.items() if name.endswith(".png")}
+    try:
+        return identity_of(session, recording, images) == done_identity(results)
+    except AnchorposeError:
+        return True  # the recording was damaged after it had been tracked
 
 
 def row_of(

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Final
 
 from anchorpose.batch.cluster import Job, Place, run_jobs
-from anchorpose.batch.identity import done_identity, identity_of
 from anchorpose.batch.sessions import Session, open_folder
 from anchorpose.batch.summary import (
     LOGS_FOLDER,
     RESULTS_FOLDER,
     SessionRow,
+    done_identity,
+    identity_of,
     note_outcome,
     require_places,
     row_of,

@@ -215,8 +215,7 @@ def reliability(sessions: Path, /, *others: Path, out: Annotated[Path | None, OU
     out
         Also write all figures to this CSV file; 'anchorpose report --reliability' reads it.
     """
-    from anchorpose.agreement.raters import rater_agreement
-    from anchorpose.agreement.reliability import HEAD, reliability_text, session_reliability
+    from anchorpose.agreement.reliability import HEAD, rater_agreement, reliability_text, session_reliability
     from anchorpose.recording.writable import check_file, new_folder
     from anchorpose.results.folder import write_text_whole
 

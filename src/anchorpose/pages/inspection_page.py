@@ -33,17 +33,11 @@ INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as shown on the page. pictures: PNG files by camera; missing: the reason if no camera has a picture, else
-    empty.
-    """
+    """A stage as shown on the page. pictures: PNG files by camera."""
 
     stage: Stage
     caption: str
     pictures: Mapping[str, bytes]
-
-    @property
-    def missing(self) -> str:
-        return "" if self.pictures else self.stage.missing
 
     @property
     def legend(self) -> list[tuple[str, str]]:

@@ -62,7 +62,7 @@ class OverlayScene:
     the world.
 
     depth_m (height, width), 0 = no reading; labels (height, width) of ``PixelLabel``; mesh_m (n, 3): points of the
-    mesh; mesh_edges (m, 2): pairs of indices of these points; anchors_m (a, 3), NaN where missed; joints_m (21, 3), NaN
+    mesh; mesh_edges (m, 2): pairs of indices of these points; anchors_m (5, 3), NaN where missed; joints_m (21, 3), NaN
     where lost, with sigma_m (21,); body_m (v, 3): skin of the posed body.
     """
 
@@ -72,7 +72,6 @@ class OverlayScene:
     mesh_m: np.ndarray | None = None
     mesh_edges: np.ndarray | None = None
     anchors_m: np.ndarray | None = None
-    anchor_names: tuple[str, ...] = ANCHOR_NAMES
     joints_m: np.ndarray | None = None
     joint_states: tuple[JointState, ...] = ()
     sigma_m: np.ndarray | None = None
@@ -96,7 +95,7 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
             _draw_sigma(picture, scene, pixels, scene.sigma_m)
         _draw_joints(picture, pixels, scene.joint_states)
     if scene.anchors_m is not None:
-        draw_dots(picture, to_pixel(scene.anchors_m), Ink.VERMILLION, 8, scene.anchor_names)
+        draw_dots(picture, to_pixel(scene.anchors_m), Ink.VERMILLION, 8, ANCHOR_NAMES)
     return picture
 
 
@@ -156,26 +155,13 @@ def _draw_joint(picture: np.ndarray, place: tuple[int, int], state: JointState) 
         cv2.circle(picture, place, 5, Ink.WHITE, 2, cv2.LINE_AA)
 
 
-@dataclass(frozen=True, slots=True)
-class FramePicture:
-    """One camera's picture of a frame (see ``draw_scene``)."""
-
-    frame: int
-    time_s: float
-    camera: str
-    png_bytes: bytes
-    caption: str
-    why: str = ""  # why the frame was chosen, in words; empty for frames spread over the recording
-
-
-def save_pictures(folder: Path, pictures: Iterable[FramePicture]) -> tuple[PictureRecord, ...]:
-    """Write the pictures to ``folder``/pictures and return their entries for run.json."""
+def save_pictures(folder: Path, pictures: Iterable[tuple[PictureRecord, bytes]]) -> tuple[PictureRecord, ...]:
+    """Write the pictures, each given by its entry in run.json and its PNG, into ``folder`` and return their entries."""
     records = []
-    for picture in pictures:
-        file = f"pictures/{picture.frame:06d}_{picture.camera}.png"
-        (folder / "pictures").mkdir(exist_ok=True)
-        (folder / file).write_bytes(picture.png_bytes)
-        records.append(PictureRecord(file, picture.frame, picture.time_s, picture.camera, picture.caption, picture.why))
+    for record, png in pictures:
+        (folder / record.file).parent.mkdir(exist_ok=True)
+        (folder / record.file).write_bytes(png)
+        records.append(record)
     return tuple(records)
 
 
@@ -185,18 +171,9 @@ TRANSITIONS: Final = 4  # maximum number of transitions (standing up, sitting do
 _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
-@dataclass(frozen=True, slots=True)
-class ChosenFrame:
-    """A frame that is chosen for the report. row: its row in the joints' table; why: the reason in words, empty for
-    frames spread over the recording.
-    """
-
-    row: int
-    why: str
-
-
-def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> list[ChosenFrame]:
-    """Choose the frames for the report's pictures; return each frame once, in the order of time.
+def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> dict[int, str]:
+    """Choose the frames for the report's pictures; return, by the row in the joints' table and in the order of time,
+    the reason in words, empty for frames spread over the recording.
 
     segmented (n,) bool: True for frames with person labels; the most and the least certain frame are chosen among these
     frames, if the patient is found in them.
@@ -210,7 +187,7 @@ def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np
     if len(found):
         why[min(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "surest of all frames"
         why[max(found.tolist(), key=lambda row: _uncertainty(joints, row))] = "least sure of all frames"
-    return [ChosenFrame(row, text) for row, text in sorted(why.items())]
+    return dict(sorted(why.items()))
 
 
 def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
@@ -219,9 +196,12 @@ def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
     return int((state_code == LOST).sum()), int((state_code > 0).sum()), float(np.nanmedian(sigma))
 
 
-def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig) -> Iterator[FramePicture]:
-    """Yield a picture for each camera and each frame of ``choose_frames``, if the camera has a depth image and person
-    labels in this frame; yield no pictures if the patient's body (``shape``) is unknown.
+def draw_chosen(
+    results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig
+) -> Iterator[tuple[PictureRecord, bytes]]:
+    """Yield a picture (see ``draw_scene``) for each camera and each frame of ``choose_frames``, if the camera has a
+    depth image and person labels in this frame: its entry in run.json, and its PNG. Yield no pictures if the patient's
+    body (``shape``) is unknown.
 
     results: a folder with all tables; sheet: settings by which a camera's surface is meshed.
     """
@@ -232,12 +212,12 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
     position, recorded = _recorded(joints, room.recording.streams[0])
     segmented = recorded & np.isin(joints.frame, frames_of_people(results / PEOPLE_FILE))
     chosen = choose_frames(joints, read_episodes(results / EPISODES_FILE), segmented)
-    chosen = [frame for frame in chosen if recorded[frame.row]]
-    people = read_people(results / PEOPLE_FILE, [int(joints.frame[frame.row]) for frame in chosen])
-    for frame in chosen:
-        number = int(joints.frame[frame.row])
-        frame_set = read_frame(room.recording, int(position[frame.row]))
-        caption, body_m = _caption(joints, anchors, frame.row), _posed_skin(shape, poses, frame.row)
+    chosen = {row: why for row, why in chosen.items() if recorded[row]}
+    people = read_people(results / PEOPLE_FILE, [int(joints.frame[row]) for row in chosen])
+    for row, why in chosen.items():
+        number = int(joints.frame[row])
+        frame_set = read_frame(room.recording, int(position[row]))
+        caption, body_m = _caption(joints, anchors, row), _posed_skin(shape, poses, row)
         for camera, depth_m in zip(room.cameras, frame_set.depths_m, strict=True):
             packed = people.get((number, camera.name))
             if depth_m is None or packed is None:
@@ -250,13 +230,14 @@ def draw_chosen(results: Path, room: Room, shape: FittedShape | None, sheet: Sur
                 labels=labels,
                 mesh_m=surface.points_m,
                 mesh_edges=edges(surface),
-                anchors_m=anchors.position_m[frame.row],
-                joints_m=joints.position_m[frame.row],
-                joint_states=tuple(tuple(JointState)[code] for code in joints.state_code[frame.row]),
+                anchors_m=anchors.position_m[row],
+                joints_m=joints.position_m[row],
+                joint_states=tuple(tuple(JointState)[code] for code in joints.state_code[row]),
                 body_m=body_m,
             )
-            png = as_png(draw_scene(scene))
-            yield FramePicture(number, frame_set.time_s, camera.name, png, caption, frame.why)
+            file = f"pictures/{number:06d}_{camera.name}.png"
+            record = PictureRecord(file, number, frame_set.time_s, camera.name, caption, why)
+            yield record, as_png(draw_scene(scene))
 
 
 def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:

@@ -235,23 +235,13 @@ class Column:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The values of a curve or row that the slider shows. Texts are one column; numbers have columns for the lowest and
-    highest value, sigma and state. Columns that the curve or row does not have are None.
+    """The values of a curve or row that the slider shows. columns: by role, its columns: ``text`` alone, or the lowest
+    and the highest value (``low``, ``high``) and, for a curve, its ``sigma`` and ``state``.
     """
 
     label: str
     unit: str = ""
-    text: Column | None = None
-    low: Column | None = None
-    high: Column | None = None
-    sigma: Column | None = None
-    state: Column | None = None
-
-    @property
-    def columns(self) -> list[tuple[str, Column]]:
-        """Return (role, column) of each column that is not None; role: the name of the column's field."""
-        roles = ("text", "low", "high", "sigma", "state")
-        return [(role, getattr(self, role)) for role in roles if getattr(self, role) is not None]
+    columns: dict[str, Column]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,7 +278,7 @@ class Chart:
         position, spec = len(_leading_columns(self.bins)), []
         for reading in self.readings:
             entry: dict[str, object] = {"label": reading.label, "unit": reading.unit}
-            for role, _ in reading.columns:
+            for role in reading.columns:
                 entry[role] = position
                 position += 1
             spec.append(entry)
@@ -297,7 +287,7 @@ class Chart:
     @property
     def csv(self) -> str:
         """Return the numbers of all readings as CSV, escaped for a ``data:`` URL."""
-        columns = _leading_columns(self.bins) + [column for reading in self.readings for _, column in reading.columns]
+        columns = _leading_columns(self.bins) + [column for each in self.readings for column in each.columns.values()]
         lines = [",".join(column.name for column in columns)]
         lines += map(",".join, zip(*(column.cells for column in columns), strict=True))
         return quote("\n".join(lines) + "\n", safe=",;:.- ()_")

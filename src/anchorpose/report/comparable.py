@@ -1,4 +1,5 @@
-"""Decide which sessions may be compared, and list the differences between them that a reader must know.
+"""Decide which sessions may be compared and which changes are tested, list the differences between sessions that a
+reader must know, and read the minimal detectable changes.
 
 Some measures grow when the recording is longer, or when the posture is known for a longer part of it: for example time
 upright, number of rises, longest time upright, path of the sway. Between sessions of different lengths, a change of
@@ -10,11 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_rows, require_distinct
 from anchorpose.recording.events import GIVEN
 from anchorpose.report.session import Session
 from anchorpose.report.words import listed, number
@@ -24,7 +27,7 @@ from anchorpose.results.uncertainty import NORMAL_95
 
 ALIKE: Final = 0.05
 """Maximum difference between two comparable spans of time, as a share of the longer span. A smaller difference widens
-the limit of what counts as a change (``allowance``).
+the limit of what counts as a change (``TimeGap.share``).
 """
 
 _SWAY: Final = ("sway_path", "sway_path_noise")
@@ -63,30 +66,27 @@ def grows_with_time(measure: Measure) -> bool:
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
-def unlike_time(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> str | None:
-    """Return the reason why a change of this measure between two sessions (or conditions) is not tested; None if it is
-    tested.
+class TimeGap(NamedTuple):
+    """The difference in time between two sessions (or conditions) that matters to a measure.
 
-    first, later: all measures of either session or condition. A measure that grows with time is not tested if the
-    recorded times, or the times with known posture, differ or are unknown.
+    why: the reason why a change of the measure is not tested, since the recorded times, or the times with known
+    posture, differ or are unknown; None if it is tested. share: the largest difference of two spans as a share of the
+    longer span; a patient who stands all the time stands longer in a longer recording by this share.
+    """
+
+    why: str | None
+    share: float
+
+
+def time_gap(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> TimeGap:
+    """Return how the time differs over which a measure is taken in two sessions (or conditions), from all measures of
+    either session or condition; (None, 0) for a measure that does not grow with time.
     """
     if not grows_with_time(measure):
-        return None
-    pairs = zip(_spans_of(measure, first), _spans_of(measure, later), strict=True)
-    return next((words for words in (_unlike(old, new) for old, new in pairs) if words), None)
-
-
-def allowance(measure: Measure, first: Sequence[Measure], later: Sequence[Measure], largest: float) -> float:
-    """Return how much a measure may change, in its unit, only because one span of time is longer than the other; 0 for
-    a measure that does not grow with time.
-
-    first, later: as in ``unlike_time``; largest: the larger absolute value of the measure. A patient who stands all the
-    time stands longer in a longer recording, by the same share as the recording is longer.
-    """
-    if not grows_with_time(measure):
-        return 0.0
-    pairs = zip(_spans_of(measure, first), _spans_of(measure, later), strict=True)
-    return largest * max((_apart(old.seconds, new.seconds) for old, new in pairs), default=0.0)
+        return TimeGap(None, 0.0)
+    pairs = list(zip(_spans_of(measure, first), _spans_of(measure, later), strict=True))
+    why = next((words for words in (_unlike(old, new) for old, new in pairs) if words), None)
+    return TimeGap(why, max(_apart(old.seconds, new.seconds) for old, new in pairs))
 
 
 def _apart(old_s: float | None, new_s: float | None) -> float:
@@ -163,12 +163,9 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
             *span_sentences(first.measures, later.measures),
             *_bodies(first.run, later.run),
         ]
-        notes += [f"{label} against {labels[0]}: {sentence}{_full_stop(sentence)}" for sentence in sentences]
+        ended = [sentence if sentence.endswith("?") else f"{sentence}." for sentence in sentences]
+        notes += [f"{label} against {labels[0]}: {sentence}" for sentence in ended]
     return notes
-
-
-def _full_stop(sentence: str) -> str:
-    return "" if sentence.endswith("?") else "."
 
 
 def _other_definition(first: Session, later: Session) -> str | None:
@@ -261,3 +258,42 @@ def _bodies(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
     if change <= reach:
         return []
     return [f"the learnt heights differ by {100 * change:.1f} cm, more than their errors: is it the same patient?"]
+
+
+Detectable = dict[tuple[str, str | None, str], float]
+"""The minimal detectable change (MDC95) by measure, side and unit. Errors of measurement and day-to-day variation alone
+cause a larger change only 5 times in 100.
+"""
+
+RELIABILITY_COLUMNS: Final = ("measure", "side", "unit", "mdc95")
+RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSIONS.csv -o FILE.csv' writes"
+
+
+def read_detectable(path: Path) -> Detectable:
+    """Read the minimal detectable change of each measure, as 'anchorpose reliability' wrote it from repeated sessions.
+    Raises InputError if the file is another table or states no change.
+    """
+    lines = [line for _, line in read_rows(path)]
+    head = lines[0] if lines else []
+    require_distinct(path, head)
+    found: Detectable = {}
+    for row in (dict(zip(head, line, strict=False)) for line in lines[1:]):
+        if any(row.get(name) is None for name in RELIABILITY_COLUMNS):
+            raise InputError(
+                path, f"does not have the columns {', '.join(RELIABILITY_COLUMNS)} in all rows", RELIABILITY_REMEDY
+            )
+        if row["mdc95"]:
+            found[row["measure"], row["side"] or None, row["unit"]] = _threshold(path, row["mdc95"])
+    if not found:
+        raise InputError(path, "holds no minimal detectable change", RELIABILITY_REMEDY)
+    return found
+
+
+def _threshold(path: Path, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise InputError(path, f"has the minimal detectable change '{text}'", RELIABILITY_REMEDY)
+    return value

@@ -15,15 +15,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.report.comparable import SCATTERING, SCATTERS, allowance, differences, require_comparable, unlike_time
-from anchorpose.report.detectable import Detectable, read_detectable
+from anchorpose.report.comparable import (
+    SCATTERING,
+    SCATTERS,
+    Detectable,
+    differences,
+    read_detectable,
+    require_comparable,
+    time_gap,
+)
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,
@@ -130,7 +137,7 @@ def change_between(
 ) -> Change | None:
     """Return the change of a measure between two sessions; None if either has no value. repeated: the measure's minimal
     detectable change from repeated sessions (MDC95), in its unit, if known; it is the limit unless the limit from the
-    two sigmas is larger. allowed: the change that sessions of different length explain (``allowance``); it is added to
+    two sigmas is larger. allowed: the change that sessions of different length explain (``time_gap``); it is added to
     the limit.
 
     Raises ValueError for different measures or units.
@@ -160,31 +167,22 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 }
 
 
-class ChangeGroup(NamedTuple):
-    """Measures shown together. rows: (title, meaning, cells); cells: a value per session, then a change per later
-    session.
-    """
-
-    heading: str
-    rows: list[tuple[str, str, list[Markup]]]
-
-
-def change_groups(sessions: Sequence[Session], detectable: Detectable | None = None) -> list[ChangeGroup]:
-    """Return the measures of all sessions side by side; detectable: minimal detectable changes, as ``read_detectable``
-    returns them.
+def change_groups(
+    sessions: Sequence[Session], detectable: Detectable
+) -> dict[str, list[tuple[str, str, list[Markup]]]]:
+    """Return the measures of all sessions side by side: by heading, rows of (title, meaning, cells) with a value per
+    session, then a change per later session. detectable: minimal detectable changes, as ``read_detectable`` returns
+    them.
 
     Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
     person in another session.
     """
-    limits = detectable or {}
     found = [{(m.measure, m.side, m.part): m for m in session.measures if m.person is None} for session in sessions]
     groups = grouped_measures(list({key: m for each in found for key, m in each.items()}.values()))
-    return [
-        ChangeGroup(
-            heading, [_change_row(sessions, found, m, limits.get((m.measure, m.side, m.unit))) for m in members]
-        )
+    return {
+        heading: [_change_row(sessions, found, m, detectable.get((m.measure, m.side, m.unit))) for m in members]
         for heading, members in groups.items()
-    ]
+    }
 
 
 def _change_row(
@@ -219,11 +217,11 @@ def _change(
     """
     if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")
-    limit, largest = repeated if later.part is None else None, max(abs(first.value), abs(later.value))
-    change = change_between(first, later, limit, allowance(later, firsts, laters, largest))
+    limit, gap = repeated if later.part is None else None, time_gap(later, firsts, laters)
+    change = change_between(first, later, limit, max(abs(first.value), abs(later.value)) * gap.share)
     if change is None:
         return UNKNOWN.format("not comparable")
-    unlike = unlike_time(later, firsts, laters)
+    unlike = gap.why
     if limit is None and later.measure in SCATTERING:
         unlike = unlike or SCATTERS
     if unlike is not None:

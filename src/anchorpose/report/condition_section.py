@@ -4,32 +4,36 @@ and their curves over the trials' parameters (numbers set in each trial, such as
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
+from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.recording.events import Trials
-from anchorpose.report.comparable import ALIKE, allowance, grows_with_time, unlike_time
-from anchorpose.report.detectable import Detectable
-from anchorpose.report.measure_section import PRINTED, title_of, value_and_error, value_form, words_of
-from anchorpose.report.parameter_curves import parameter_charts
+from anchorpose.recording.events import TrialColumn, Trials
+from anchorpose.report.comparable import ALIKE, Detectable, grows_with_time, time_gap
+from anchorpose.report.measure_section import (
+    COMPARED,
+    form_within,
+    title_of,
+    unit_of,
+    value_and_error,
+    value_and_interval,
+    words_of,
+)
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import StillChart
-from anchorpose.report.words import Form, figure, listed
-from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
+from anchorpose.report.still_chart import Side, StillChart, across, still_row
+from anchorpose.report.words import decimals_for, listed, number
+from anchorpose.results.condition_effect import BLOCKS, CONFIDENCE, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
 from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
 from anchorpose.results.trial_measures import condition_measures
 from anchorpose.results.trial_table import TRIALS_FILE
-from anchorpose.results.uncertainty import NORMAL_95
-
-LEFT_OUT: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
-"""Measures that are not compared between conditions: times that depend on the recording, not on the patient."""
+from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 
 CURVES: Final = (
     "upright_share",
@@ -48,17 +52,11 @@ DESIGNS: Final = {
 }
 
 
-class ConditionRow(NamedTuple):
-    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, and the
-    difference from the reference condition. The verdict states whether the trials demonstrate this difference, or why
-    they do not.
-    """
-
-    condition: str
-    trials: str
-    value: Markup
-    difference: Markup
-    verdict: Markup
+Row = tuple[str, list[str | Markup]]
+"""A condition's name, and four cells: the number of its trials that have a value, the mean of these values, the
+difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
+difference, or why they do not.
+"""
 
 
 class ConditionGroup(NamedTuple):
@@ -66,7 +64,7 @@ class ConditionGroup(NamedTuple):
 
     title: str
     meaning: str
-    rows: list[ConditionRow]
+    rows: list[Row]
 
 
 class ConditionSection(NamedTuple):
@@ -122,9 +120,8 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
     """Return, for each measure that is shown, its table rows for all trials, in the order in which measures are shown;
     a measure without any value is left out.
     """
-    names = list(chosen) or [name for name in PRINTED if name not in LEFT_OUT]
     found: dict[MeasureKey, list[Measure]] = {}
-    for name in names:
+    for name in chosen or COMPARED:
         rows = [row for row in session.trial_measures if row.measure == name and row.trial is not None]
         if not rows and chosen:
             problem = f"has no measure '{name}' of trials"
@@ -142,38 +139,28 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
     first = rows[0]
     if not grows_with_time(first):
         return effects(rows, trials, detectable.get((first.measure, first.side, first.unit)))
-    untested, allowed = _unlike_times(rows, session, trials), _allowances(rows, session, trials)
+    untested, allowed = _time_limits(rows, session, trials)
     return effects(rows, trials, untested=untested, allowed=allowed)
 
 
-def _unlike_times(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, str]:
-    """Return, by condition, the reason why a measure that grows with time is not tested: its trials with a value differ
-    in duration, or its mean time with known posture differs from that of the reference condition.
+def _time_limits(rows: Sequence[Measure], session: Session, trials: Trials) -> tuple[dict[str, str], dict[str, float]]:
+    """Return two dicts by condition, for a measure that grows with time: the reason why the measure is not tested (its
+    trials with a value differ in duration, or its mean time with known posture differs from that of the reference
+    condition); and how much it may differ from the reference condition only because the trials of one condition last
+    longer.
     """
     known = {row.trial for row in rows if row.value is not None}
-    lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
-    if not lasting:
-        return {}
-    if max(lasting) - min(lasting) > ALIKE * max(lasting):
-        why = f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
-        return dict.fromkeys(trials.conditions, why)
     means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
     measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
     reference = measures_of[trials.conditions[0]]
-    found = {name: unlike_time(rows[0], reference, measures) for name, measures in measures_of.items()}
-    return {name: f"it grows with time ({why})" for name, why in found.items() if why}
-
-
-def _allowances(rows: Sequence[Measure], session: Session, trials: Trials) -> dict[str, float]:
-    """Return, by condition, how much a measure may differ from the reference condition only because the trials of one
-    condition last longer (``allowance``).
-    """
-    known = {row.trial for row in rows if row.value is not None}
-    means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])
-    measures_of = {name: [mean for mean in means if mean.condition == name] for name in trials.conditions}
+    gaps = {name: time_gap(rows[0], reference, measures) for name, measures in measures_of.items()}
     largest = max((abs(row.value) for row in rows if row.value is not None), default=0.0)
-    reference = measures_of[trials.conditions[0]]
-    return {name: allowance(rows[0], reference, measures, largest) for name, measures in measures_of.items()}
+    allowed = {name: largest * gap.share for name, gap in gaps.items()}
+    lasting = [trial.duration_s for trial in trials.rows if trial.number in known]
+    if lasting and max(lasting) - min(lasting) > ALIKE * max(lasting):
+        why = f"it grows with time, and trials last {min(lasting):g} to {max(lasting):g} s"
+        return dict.fromkeys(trials.conditions, why), allowed
+    return {name: f"it grows with time ({gap.why})" for name, gap in gaps.items() if gap.why}, allowed
 
 
 def _about(trials: Trials) -> list[str]:
@@ -198,34 +185,18 @@ def _group(
     return ConditionGroup(title_of(rows[0]), words_of(rows[0].measure).meaning, named)
 
 
-def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> ConditionRow:
+def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> Row:
     own = [row for row in rows if row.condition == name]
     known = sum(row.value is not None for row in own)
     unknown = Markup('<i class="why">no value: {}</i>')
     value = unknown.format(mean.why) if mean.value is None else value_and_error(mean)
+    trials = f"{known} of {len(own)}"
     if effect is None:
-        return ConditionRow(name, f"{known} of {len(own)}", value, Markup("reference"), Markup())
-    return ConditionRow(name, f"{known} of {len(own)}", value, _difference(effect, mean), _verdict(effect, mean))
-
-
-def _difference(effect: Effect, like: Measure) -> Markup:
-    """Return the cell of a difference from the reference condition with its 95 % interval, with as many digits as the
-    interval justifies. like: a table row of the same measure, for the measure's name and unit.
-    """
-    if effect.difference is None:
-        return Markup('<span class="unknown">not known</span>')
-    form = _form(effect, like)
-    sign = "+" if effect.difference > 0 else ""
-    text = Markup("{}{}").format(sign, figure(effect.difference, form))
-    if effect.low is None or effect.high is None:
-        return text
-    return Markup("{} ({} to {})").format(text, figure(effect.low, form), figure(effect.high, form))
-
-
-def _form(effect: Effect, like: Measure) -> Form:
-    reach = None if effect.low is None or effect.high is None else (effect.high - effect.low) / 2.0
-    sigma = None if not reach else reach / NORMAL_95
-    return value_form(Measure(measure=like.measure, value=effect.difference, unit=like.unit, sigma=sigma, frames=0))
+        return name, [trials, value, "reference", ""]
+    difference = Markup('<span class="unknown">not known</span>')
+    if effect.difference is not None:
+        difference = value_and_interval(mean, effect.difference, effect.low, effect.high)
+    return name, [trials, value, difference, _verdict(effect, mean)]
 
 
 def _verdict(effect: Effect, like: Measure) -> Markup:
@@ -237,10 +208,111 @@ def _verdict(effect: Effect, like: Measure) -> Markup:
         return cell.format("exceeds", f"a difference: {p}")
     if effect.p >= ALPHA:
         return cell.format("within", f"not shown: {p}")
-    limit = _form(effect, like).write(float(effect.detectable or np.nan))
+    form = form_within(like, effect.difference, effect.low, effect.high)
+    limit = form.write(float(effect.detectable or np.nan))
     what = "below the minimal detectable change" if effect.repeated else "within the errors of measurement"
     return cell.format("within", f"not shown: {what} (± {limit}), {p}")
 
 
 def _p_text(p: float) -> str:
     return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+LEAST_LEVELS: Final = 2
+MOST_TICKS: Final = 9
+
+
+class Level(NamedTuple):
+    """The trials with the same value of a parameter: this value, their number, the measure's mean over them, and half
+    the width of the mean's 95 % interval (NaN if unknown).
+    """
+
+    at: float
+    trials: int
+    mean: float
+    half: float
+
+
+def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float) -> list[Level]:
+    """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
+
+    at, value, sigma (n,): the parameter, the measure's value and its sigma in each trial, NaN where unknown. share: the
+    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials or, if this is
+    larger, their random errors. For a single trial, it covers only the random error. The systematic error is left out,
+    since it shifts all levels alike.
+    """
+    return [
+        _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)
+    ]
+
+
+def _level(at: float, value: np.ndarray, random_sigma: np.ndarray) -> Level:
+    count = len(value)
+    random = float(np.sum(random_sigma**2)) / count**2
+    if count == 1:
+        return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
+    variance = float(np.fmax(value.var(ddof=1) / count, random))
+    return Level(at, count, float(value.mean()), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)))
+
+
+def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
+    """Return a chart for each measure and each numeric column of events.tsv with at least two different numbers; left
+    and right share a chart.
+    """
+    names = dict.fromkeys(key[0] for key in found)
+    numeric = [column for column in trials.columns if column.unit is not None]
+    charts = (
+        _chart(column, trials, [rows for key, rows in found.items() if key[0] == name])
+        for name in names
+        for column in numeric
+    )
+    return [chart for chart in charts if chart is not None]
+
+
+def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
+    """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
+    cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
+    drawn, table = list[Side](), list[tuple[str, Sequence[str]]]()
+    times, unit = unit_of(sides[0][0].unit)
+    for rows in sides:
+        known = [row for row in rows if row.value is not None and isinstance(cells.get(row.trial or 0), float)]
+        at = np.array([cells[row.trial or 0] for row in known], dtype=np.float64)
+        value = times * np.array([row.value for row in known], dtype=np.float64)
+        sigma = times * np.array([np.nan if row.sigma is None else row.sigma for row in known])
+        levels, side = levels_of(at, value, sigma, systematic_share(rows[0].unit)), rows[0].side or ""
+        if len(levels) < LEAST_LEVELS:
+            continue
+        x, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
+        points = {"x": at, "y": value, "reach": NORMAL_95 * sigma}
+        drawn.append(Side(side=side, **points, line_x=x, line_y=mean, low=mean - half, high=mean + half))
+        table += [_cells(side, level, column, unit) for level in levels]
+    if not drawn:
+        return None
+    name, what = sides[0][0].measure, words_of(sides[0][0].measure).title
+    span = (min(float(each.x.min()) for each in drawn), max(float(each.x.max()) for each in drawn))
+    axis = f"{column.name}, {column.unit}" if column.unit not in ("1", "arbitrary") else column.name
+    return StillChart(
+        identity=f"parameter-{name}-{trials.columns.index(column)}",
+        title=f"{what} over {axis}",
+        caption=f"{what} over {axis}",
+        row=still_row(unit.strip() or what, drawn, span),
+        ticks=_ticks(np.unique(np.concatenate([each.x for each in drawn])), span),
+        head=(axis, "trials", "mean", "95 % interval"),
+        rows=table,
+    )
+
+
+def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str, Sequence[str]]:
+    known = np.isfinite(level.half)
+    decimals = decimals_for(level.half if known and level.half else None, level.mean)
+    mean, low, high = (number(v, decimals) for v in (level.mean, level.mean - level.half, level.mean + level.half))
+    interval = f"{low} to {high}{unit}" if known else "no error is stated"
+    name = f"{level.at:g}" + (f", {side}" if side else "")
+    return name, (str(level.trials), f"{mean}{unit}", interval)
+
+
+def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
+    """Return the ticks: every level or, if there are many, the first, the last and some between them."""
+    if len(levels) > MOST_TICKS:
+        levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
+    return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

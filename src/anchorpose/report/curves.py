@@ -103,7 +103,7 @@ def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_stat
         sigma, states = np.fmax.reduceat(curve.sigma, bins.start), worst(curve.state_code, bins)
         columns["sigma"] = Column(name.format("sigma"), cells(sigma, quantity.decimals + 1))
         columns["state"] = Column(f"{curve.key}_state", [_STATES[code].replace(",", ";") for code in states])
-    return Reading(label=label, unit=quantity.unit, **columns)
+    return Reading(label=label, unit=quantity.unit, columns=columns)
 
 
 def _band(curve: Curve, bins: Bins) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ thresholds and sources.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import itemgetter
 from typing import Final, NamedTuple
@@ -36,6 +36,11 @@ GROUPS: Final = {heading: [row["measure"] for row in rows] for heading, rows in 
 
 PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(row["printed"] or 0)) if row["printed"]]
 """Names of the main measures in the order in which they are printed; measures.parquet has all measures."""
+
+COMPARED: Final = [name for name in PRINTED if name not in ("recorded_time", "found_time", "unknown_time", "sway_time")]
+"""Names of the main measures without the times that depend on the recording, not on the patient. Only these are
+compared between conditions, and followed over dates.
+"""
 
 OTHERS: Final = "Other measures"
 
@@ -84,21 +89,14 @@ class MeasureRow:
     frames: str = ""
 
 
-class MeasureGroup(NamedTuple):
-    """Measures under one heading."""
-
-    heading: str
-    rows: list[MeasureRow]
-
-
 class MeasureSection(NamedTuple):
-    """The content of the section on measures. whole: measures about the session or a part of the body; detail: measures
-    about single persons who touched the patient, and numbers of contacts of each part; words: the usual names and
-    explanations of the measures.
+    """The content of the section on measures: rows by heading, and the usual names and explanations of the measures.
+    whole: measures about the session or a part of the body; detail: measures about single persons who touched the
+    patient, and numbers of contacts of each part.
     """
 
-    whole: list[MeasureGroup]
-    detail: list[MeasureGroup]
+    whole: dict[str, list[MeasureRow]]
+    detail: dict[str, list[MeasureRow]]
     words: list[Words]
 
 
@@ -134,9 +132,9 @@ def value_form(measure: Measure) -> Form:
     return Form(decimals=0 if whole else decimals_for(reach, value), times=times, after=after)
 
 
-def _groups(measures: Sequence[Measure]) -> list[MeasureGroup]:
+def _groups(measures: Sequence[Measure]) -> dict[str, list[MeasureRow]]:
     groups = grouped_measures(measures).items()
-    return [MeasureGroup(heading, [_row(entry) for entry in _entries(members)]) for heading, members in groups]
+    return {heading: [_row(entry) for entry in _entries(members)] for heading, members in groups}
 
 
 def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
@@ -183,6 +181,25 @@ def value_and_error(measure: Measure) -> Markup:
     return Markup("{} {}").format(value, figure(measure.sigma, reach))
 
 
+def form_within(like: Measure, value: float | None, low: float | None, high: float | None) -> Form:
+    """Return the form of a number with the unit of the measure ``like``: as many digits as the number's 95 % interval
+    justifies, if it has one.
+    """
+    sigma = None if low is None or high is None else (high - low) / 2.0 / NORMAL_95
+    return value_form(replace(like, value=value or 0.0, sigma=sigma or None, why=None))
+
+
+def value_and_interval(like: Measure, value: float, low: float | None, high: float | None) -> Markup:
+    """Return the text of a difference with its sign and, if it has one, its 95 % interval; like: as in
+    ``form_within``.
+    """
+    form = form_within(like, value, low, high)
+    text = Markup("{}{}").format("+" if value > 0 else "", figure(value, form))
+    if low is None or high is None:
+        return text
+    return Markup("{} ({} to {})").format(text, figure(low, form), figure(high, form))
+
+
 def inferred_share(measure: Measure, after: str = " %") -> Markup:
     """Return the percentage of a measure's frames with an inferred joint, followed by ``after``; empty if unknown."""
     if measure.inferred_share is None:
@@ -203,11 +220,12 @@ def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]
             if row.measure == name and not (name == "assistance_time" and row.person and row.part):
                 inferred = "" if row.inferred_share is None else PERCENT.write(row.inferred_share)
                 at_least = "at least " if row.value is not None and name in lower_bounds else ""
-                rows.append((title_of(row), at_least + _value_text(row), inferred, row.why or ""))
+                rows.append((title_of(row), at_least + value_text(row), inferred, row.why or ""))
     return rows
 
 
-def _value_text(measure: Measure) -> str:
+def value_text(measure: Measure) -> str:
+    """Return ``value_and_error`` as plain text; "unknown" without a value."""
     if measure.value is None:
         return "unknown"
     form = value_form(measure)

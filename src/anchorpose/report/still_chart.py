@@ -25,26 +25,18 @@ APART: Final = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Points:
-    """Measured values of one side ("left", "right" or ""): x (n,), y (n,), reach (n,): half length of each error bar,
-    or NaN.
+class Side:
+    """The points and the line of one side ("left", "right" or ""). x (n,), y (n,): measured values; reach (n,): half
+    length of each error bar, or NaN. line_x, line_y (k,): the line; low, high (k,): edges of its uncertainty band, NaN
+    where it has no band.
     """
 
     side: str
     x: np.ndarray
     y: np.ndarray
     reach: np.ndarray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Line:
-    """A line of one side through x (k,), y (k,); low, high (k,): edges of its uncertainty band, NaN where it has no
-    band.
-    """
-
-    side: str
-    x: np.ndarray
-    y: np.ndarray
+    line_x: np.ndarray
+    line_y: np.ndarray
     low: np.ndarray
     high: np.ndarray
 
@@ -72,50 +64,43 @@ def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
     return MARGIN + (1.0 - 2.0 * MARGIN) * np.asarray(share, dtype=np.float64)
 
 
-def still_row(label: str, points: Sequence[Points], lines: Sequence[Line], span: tuple[float, float]) -> Row:
+def still_row(label: str, sides: Sequence[Side], span: tuple[float, float]) -> Row:
     """Return the chart's picture. label: text of the vertical axis; span: the least and the greatest x."""
-    values = [(each.y, each.y) for each in points] + [(each.y, each.y) for each in lines]
-    bands = [(np.where(np.isnan(p.reach), p.y, p.y - p.reach), p.y + np.nan_to_num(p.reach)) for p in points]
-    bands += [(np.fmin(each.low, each.y), np.fmax(each.high, each.y)) for each in lines]
+    values = [(y, y) for each in sides for y in (each.y, each.line_y)]
+    bands = [(np.where(np.isnan(s.reach), s.y, s.y - s.reach), s.y + np.nan_to_num(s.reach)) for s in sides]
+    bands += [(np.fmin(each.low, each.line_y), np.fmax(each.high, each.line_y)) for each in sides]
     known = [float(value) for low, _ in values for value in low if np.isfinite(value)]
     size = max((abs(value) for value in known), default=1.0) or 1.0
     axis = make_axis(values, bands, 0.05 * size)
     shapes = list[tuple[str, str]]()
-    for line in lines:
-        x, side = _units(across(line.x, span)), line.side or "both"
-        shapes.append((f"band {side}", _band(x, axis.down(line.low), axis.down(line.high), line)))
-        shapes.append((f"line {side} thick", _path(x, axis.down(line.y))))
-    for each in points:
-        x, side = _units(across(each.x, span)) + (APART if each.side == "right" else 0), each.side or "both"
-        shapes.append((f"bar {side}", _bars(x, axis.down(each.y - each.reach), axis.down(each.y + each.reach), each)))
-        shapes.append(
-            (f"dot {side}", "".join(f"M{a:.0f} {b:.0f}h0" for a, b in zip(x, axis.down(each.y), strict=True)))
-        )
-    sided = [line for line in lines if line.side]
-    ends = end_marks([line.side for line in sided], [_envelope(line) for line in sided], axis, HEIGHT)
+    for each in sides:
+        x, kind = np.round(UNITS * across(each.line_x, span)), each.side or "both"
+        shapes.append((f"band {kind}", _band(x, axis.down(each.low), axis.down(each.high), each)))
+        shapes.append((f"line {kind} thick", _path(x, axis.down(each.line_y))))
+    for each in sides:
+        x, kind = np.round(UNITS * across(each.x, span)) + (APART if each.side == "right" else 0), each.side or "both"
+        shapes.append((f"bar {kind}", _bars(x, axis.down(each.y - each.reach), axis.down(each.y + each.reach), each)))
+        dots = "".join(f"M{a:.0f} {b:.0f}h0" for a, b in zip(x, axis.down(each.y), strict=True))
+        shapes.append((f"dot {kind}", dots))
+    sided = [each for each in sides if each.side]
+    rising = [np.ones(len(each.line_y), dtype=bool) for each in sided]
+    lines = [Envelope(each.line_y, each.line_y, up) for each, up in zip(sided, rising, strict=True)]
+    ends = end_marks([each.side for each in sided], lines, axis, HEIGHT)
     return Row(label=label, height=HEIGHT, shapes=tuple(shapes), axis=axis, marks=ends, kind="curves")
-
-
-def _units(share: np.ndarray) -> np.ndarray:
-    return np.round(UNITS * share)
 
 
 def _path(x: np.ndarray, y: np.ndarray) -> str:
     return "M" + "L".join(f"{a:.0f} {b:.0f}" for a, b in zip(x, y, strict=True)) if len(x) else ""
 
 
-def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, line: Line) -> str:
-    known = np.isfinite(line.low) & np.isfinite(line.high)
+def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Side) -> str:
+    known = np.isfinite(side.low) & np.isfinite(side.high)
     if known.sum() < 2:
         return ""
     there, back = _path(x[known], high[known]), _path(x[known][::-1], low[known][::-1])
     return f"{there}L{back[1:]}z"
 
 
-def _bars(x: np.ndarray, low: np.ndarray, high: np.ndarray, points: Points) -> str:
-    known = np.isfinite(points.reach)
+def _bars(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Side) -> str:
+    known = np.isfinite(side.reach)
     return "".join(f"M{a:.0f} {b:.0f}V{c:.0f}" for a, b, c in zip(x[known], high[known], low[known], strict=True))
-
-
-def _envelope(line: Line) -> Envelope:
-    return Envelope(line.y, line.y, np.ones(len(line.y), dtype=bool))

@@ -7,7 +7,7 @@ was seen. Each contact has only one such share, since the tables do not state at
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -56,6 +56,7 @@ def timeline(session: Session) -> Chart:
     """Return the whole chart of the session, with a heading above each kind of rows."""
     shares = [(state, _share(session, state)) for state in JointState]
     shares = [(state, share) for state, share in shares if state is JointState.OBSERVED or share.max() > 0]
+    confidence_rows, confidence_readings = _confidence(session)
     return Chart(
         identity="timeline",
         title="Timeline of the session: posture, contacts, what was seen of the joints, and their uncertainty",
@@ -66,7 +67,7 @@ def timeline(session: Session) -> Chart:
             *touch_rows(session),
             heading("Joints"),
             *(_share_row(STATE_WORDS[state], share, session.bins, str(state)) for state, share in shares),
-            *_confidence_rows(session),
+            *confidence_rows,
             *kept_rows(session),
         ],
         readings=[
@@ -74,10 +75,10 @@ def timeline(session: Session) -> Chart:
             *posture_readings(session),
             touch_reading(session),
             *(_share_reading(STATE_WORDS[state], f"joints_{state}", share, session.bins) for state, share in shares),
-            *_confidence_readings(session),
+            *confidence_readings,
         ],
         sources=[
-            *_trial_files(session),
+            *(() if session.trials is None else (TRIALS_FILE,)),
             *_event_files(session),
             JOINTS_FILE,
             *(() if session.explained is None else (EXPLAINED_FILE,)),
@@ -130,11 +131,11 @@ def trial_readings(session: Session) -> list[Reading]:
         rows = trial_rows(trial, session.joints.time_s)
         for k in np.flatnonzero((first < rows.stop) & (last >= rows.start)):
             texts[k].append(f"{trial.number} ({trial.condition})".replace(",", ";"))
-    return [Reading(label="trial", text=Column("trial", ["; ".join(text) for text in texts]))]
+    return [_text_reading("trial", "trial", ["; ".join(text) for text in texts])]
 
 
-def _trial_files(session: Session) -> tuple[str, ...]:
-    return () if session.trials is None else (TRIALS_FILE,)
+def _text_reading(label: str, column: str, texts: list[str]) -> Reading:
+    return Reading(label=label, columns={"text": Column(column, texts)})
 
 
 def _event_files(session: Session) -> tuple[str, ...]:
@@ -153,15 +154,15 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
     return median, highest
 
 
-def matched_percent(session: Session) -> np.ndarray | None:
-    """Return (n,) the percentage of the followed surface points that were matched in the next frame, NaN where no point
-    was followed (``association.matched_share`` in run.json). Return None unless run.json states the percentage for
-    every frame.
+def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
+    """Return (count,) the share of the followed surface points that were matched in the next frame, NaN where no point
+    was followed (``association.matched_share`` in run.json). Return None unless run.json states the share for each of
+    the ``count`` frames.
     """
-    shares = session.run.get("association", {}).get("matched_share", [])
-    if len(shares) != len(session.joints.frame):
+    shares = run.get("association", {}).get("matched_share", [])
+    if len(shares) != count:
         return None
-    return np.array([np.nan if share is None else 100.0 * share for share in shares])
+    return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
 
 
 def _share(session: Session, state: JointState) -> np.ndarray:
@@ -178,16 +179,24 @@ def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
     return Row(label=f"{label}, %", height=30, shapes=shapes, axis=SHARES, kind="share")
 
 
-def _confidence_rows(session: Session) -> list[Row]:
-    labels = ("± of the median joint, mm", "± of the worst joint, mm")
-    values = joint_confidence_mm(session)
-    rows = [_line_row(label, value, session.bins) for label, value in zip(labels, values, strict=True)]
-    matched = matched_percent(session)
-    if matched is not None and np.isfinite(matched).any():
-        rows.append(_share_row("points found again", matched, session.bins, "matched"))
+def _confidence(session: Session) -> tuple[list[Row], list[Reading]]:
+    """Return the rows on the uncertainty of joints and on matched points, with their readings for the slider, and the
+    row of frames that the body does not explain.
+    """
+    rows, spoken, bins = [heading("Confidence")], list[Reading](), session.bins
+    for name, value in zip(("median", "worst"), joint_confidence_mm(session), strict=True):
+        rows.append(_line_row(f"± of the {name} joint, mm", value, bins))
+        columns = lowest_and_highest(f"plus_minus_{name}_joint_{{}}_mm", value, bins, 1)
+        spoken.append(Reading(label=f"{name} joint ±", unit=" mm", columns=columns))
+    share = matched_share(session.run, len(session.joints.frame))
+    if share is not None:
+        matched = 100.0 * share
+        spoken.append(_share_reading("points found again", "matched", matched, bins))
+        if np.isfinite(matched).any():
+            rows.append(_share_row("points found again", matched, bins, "matched"))
     if session.explained is not None:
         rows += marked_row(session, "not explained by the body", unexplained(session.explained) >= 1.0)
-    return [heading("Confidence"), *rows]
+    return rows, spoken
 
 
 def _line_row(label: str, value: np.ndarray, bins: Bins) -> Row:
@@ -199,18 +208,7 @@ def _line_row(label: str, value: np.ndarray, bins: Bins) -> Row:
 
 
 def _share_reading(label: str, key: str, percent: np.ndarray, bins: Bins) -> Reading:
-    return Reading(label=label, unit=" %", **lowest_and_highest(f"{key}_{{}}_percent", percent, bins, 0))
-
-
-def _confidence_readings(session: Session) -> list[Reading]:
-    spoken = []
-    for name, value in zip(("median", "worst"), joint_confidence_mm(session), strict=True):
-        columns = lowest_and_highest(f"plus_minus_{name}_joint_{{}}_mm", value, session.bins, 1)
-        spoken.append(Reading(label=f"{name} joint ±", unit=" mm", **columns))
-    matched = matched_percent(session)
-    if matched is not None:
-        spoken.append(_share_reading("points found again", "matched", matched, session.bins))
-    return spoken
+    return Reading(label=label, unit=" %", columns=lowest_and_highest(f"{key}_{{}}_percent", percent, bins, 0))
 
 
 def kept_rows(session: Session) -> list[Row]:
@@ -327,16 +325,12 @@ def posture_readings(session: Session) -> list[Reading]:
     postures = [
         " and ".join(dict.fromkeys(words[first : last + 1])) for first, last in zip(bins.start, bins.last, strict=True)
     ]
+    seen = [(each, {**TRANSITIONS, **EVENTS}.get(each.kind)) for each in session.episodes]
     moves = [
-        " and ".join(
-            {**TRANSITIONS, **EVENTS}[episode.kind][1]
-            for episode in session.episodes
-            if episode.kind in {**TRANSITIONS, **EVENTS}
-            if episode.first_frame <= last and episode.last_frame >= first
-        )
+        " and ".join(sign[1] for each, sign in seen if sign and each.first_frame <= last and each.last_frame >= first)
         for first, last in zip(bins.frame[bins.start], bins.frame[bins.last], strict=True)
     ]
-    return [Reading(label="", text=Column("posture", postures)), Reading(label="", text=Column("transition", moves))]
+    return [_text_reading("", "posture", postures), _text_reading("", "transition", moves)]
 
 
 def _mark(bins: Bins, episode: Episode, sign: str, words: str) -> Mark:
@@ -380,7 +374,7 @@ def touch_reading(session: Session) -> Reading:
         text = f"{named_part(contact.part)} by {contact.toucher} ({SEEN_SHARE.write(contact.seen_share)})"
         for k in np.flatnonzero((contact.first_frame <= last) & (contact.last_frame >= first)):
             texts[k].append(text.replace(",", " "))
-    return Reading(label="touched", text=Column("touched", ["; ".join(dict.fromkeys(text)) for text in texts]))
+    return _text_reading("touched", "touched", ["; ".join(dict.fromkeys(text)) for text in texts])
 
 
 def _lost(session: Session) -> np.ndarray:

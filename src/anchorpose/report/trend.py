@@ -10,7 +10,7 @@ line.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
@@ -21,12 +21,18 @@ from markupsafe import Markup
 from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import allowance, unlike_time
-from anchorpose.report.detectable import Detectable
-from anchorpose.report.measure_section import PRINTED, title_of, unit_of, value_form, words_of
+from anchorpose.report.comparable import Detectable, time_gap
+from anchorpose.report.measure_section import (
+    COMPARED,
+    title_of,
+    unit_of,
+    value_and_interval,
+    value_form,
+    value_text,
+    words_of,
+)
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import Line, Points, StillChart, across, still_row
-from anchorpose.report.words import figure
+from anchorpose.report.still_chart import Side, StillChart, across, still_row
 from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.records import Measure, MeasureKey
 from anchorpose.results.uncertainty import NORMAL_95
@@ -37,7 +43,6 @@ DAYS: Final = 7.0
 
 NO_DATES: Final = "There is no trend: the dates of the sessions are not known. Give --date once for each session."
 TOO_FEW: Final = "There is no trend: it needs {} sessions of different days at least, and these are {}."
-NOT_MEASURED: Final = ("recorded_time", "found_time", "unknown_time", "sway_time")
 
 
 def parse_dates(texts: Sequence[str], count: int, page: Path) -> list[date] | None:
@@ -107,29 +112,23 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     return Fit(slope, quantile * scatter / np.sqrt(squares), intercept, scatter, quantile, middle, squares, count)
 
 
-class TrendRow(NamedTuple):
-    """A measure's trend: title and meaning of the measure, slope per week, change over the whole time, and the verdict
-    on this change.
-    """
-
-    title: str
-    meaning: str
-    slope: Markup
-    change: Markup
-    verdict: Markup
+Row = tuple[str, str, list[Markup]]
+"""A measure's trend: title and meaning of the measure; then cells with its slope per week, its change over the whole
+time, and the verdict on this change.
+"""
 
 
 class TrendSection(NamedTuple):
     """All trends. why: the reason why no trend is shown; empty if rows and charts exist."""
 
     why: str
-    rows: list[TrendRow]
+    rows: list[Row]
     charts: list[StillChart]
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """Return the trends of the main measures, in the order of ``PRINTED``. dates: None if they are unknown. detectable:
-    minimal detectable changes; a smaller change over the whole time is not called a trend.
+    """Return the trends of the main measures, in the order of ``COMPARED``. dates: None if they are unknown.
+    detectable: minimal detectable changes; a smaller change over the whole time is not called a trend.
     """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
@@ -137,7 +136,7 @@ def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, det
     if days < LEAST_SESSIONS:
         return TrendSection(TOO_FEW.format(LEAST_SESSIONS, days), [], [])
     x = np.array([(each - dates[0]).days / DAYS for each in dates])
-    rows, drawn = list[TrendRow](), dict[str, list[_Followed]]()
+    rows, drawn = list[Row](), dict[str, list[_Followed]]()
     for key in _keys(sessions):
         followed = _follow(sessions, key, x)
         rows.append(_row(followed, detectable))
@@ -148,7 +147,7 @@ def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, det
 
 def _keys(sessions: Sequence[Session]) -> list[MeasureKey]:
     found = dict.fromkeys(row.key for each in sessions for row in each.measures if not (row.part or row.person))
-    return [key for name in PRINTED for key in found if key[0] == name and name not in NOT_MEASURED]
+    return [key for name in COMPARED for key in found if key[0] == name]
 
 
 class _Followed(NamedTuple):
@@ -175,35 +174,29 @@ def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Fol
         days = len(np.unique(x[known]))
         return _Followed(like, x, value, sigma, None, f"only {days} days have a value, {LEAST_SESSIONS} are needed")
     used = [each for each, here in zip(sessions, known, strict=True) if here]
-    unlike = (unlike_time(like, used[0].measures, each.measures) for each in used[1:])
-    if any(unlike):
+    gaps = [time_gap(like, used[0].measures, each.measures) for each in used]
+    if any(gap.why for gap in gaps[1:]):
         return _Followed(like, x, value, sigma, None, "it grows with time, and the sessions last differently")
     if np.ptp(value[known]) == 0.0:
         return _Followed(like, x, value, sigma, None, "it has the same value in all sessions")
-    largest = float(np.abs(value[known]).max())
-    allowed = [allowance(like, used[0].measures, each.measures, largest) for each in used]
+    allowed = float(np.abs(value[known]).max()) * np.array([gap.share for gap in gaps])
     return _Followed(like, x, value, sigma, fit_line(x[known], value[known], np.hypot(sigma[known], allowed)), "")
 
 
-def _row(followed: _Followed, detectable: Detectable) -> TrendRow:
+def _row(followed: _Followed, detectable: Detectable) -> Row:
     like, fit = followed.like, followed.fit
     title, meaning = title_of(like), words_of(like.measure).meaning
     cell = Markup('<span class="change {}">{}</span>')
     if fit is None:
         empty = Markup('<span class="unknown">none</span>')
-        return TrendRow(title, meaning, empty, empty, cell.format("untested", f"not tested: {followed.why}"))
+        return title, meaning, [empty, empty, cell.format("untested", f"not tested: {followed.why}")]
     known = followed.x[np.isfinite(followed.value)]
     weeks = float(known[-1] - known[0])
     limit = detectable.get((like.measure, like.side, like.unit))
     change = fit.slope * weeks
-    verdict = _verdict(fit, change, limit, like)
-    return TrendRow(
-        title,
-        meaning,
-        _interval(fit.slope, fit.half, like),
-        _interval(change, fit.half * weeks, like),
-        cell.format(*verdict),
-    )
+    intervals = ((fit.slope, fit.half), (change, fit.half * weeks))
+    cells = [value_and_interval(like, value, value - half, value + half) for value, half in intervals]
+    return title, meaning, [*cells, cell.format(*_verdict(fit, change, limit, like))]
 
 
 def _verdict(fit: Fit, change: float, limit: float | None, like: Measure) -> tuple[str, str]:
@@ -214,36 +207,20 @@ def _verdict(fit: Fit, change: float, limit: float | None, like: Measure) -> tup
     return "exceeds", f"{'▲ rising' if change > 0 else '▼ falling'}"
 
 
-def _interval(value: float, half: float, like: Measure) -> Markup:
-    sigma = half / NORMAL_95 if half else None
-    form = value_form(Measure(measure=like.measure, value=value, unit=like.unit, sigma=sigma, frames=0))
-    sign = "+" if value > 0 else ""
-    ends = (figure(value - half, form), figure(value + half, form))
-    return Markup("{}{} ({} to {})").format(sign, figure(value, form), *ends)
-
-
 def _chart(name: str, sides: Sequence[_Followed], dates: Sequence[date]) -> StillChart:
     """Return a chart of a measure over all sessions, left and right together, with the lines and their bands."""
-    points, lines, table = list[Points](), list[Line](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0].like.unit)
     span = (float(sides[0].x[0]), float(sides[0].x[-1]))
-    for each in sides:
-        side, known = each.like.side or "", np.isfinite(each.value)
-        points.append(
-            Points(side=side, x=each.x[known], y=times * each.value[known], reach=NORMAL_95 * times * each.sigma[known])
-        )
-        lines.append(_line(side, each, span, times))
-        table += _cells(side, each, dates)
     title = words_of(name).title
     shares = across(sides[0].x, span)
     return StillChart(
         identity=f"trend-{name}",
         title=f"{title} over the dates of the sessions",
         caption=title,
-        row=still_row(unit.strip() or title, points, lines, span),
+        row=still_row(unit.strip() or title, [_side(each, span, times) for each in sides], span),
         ticks=[(float(share), each.isoformat()) for share, each in _spread(shares, dates)],
         head=("session", "value"),
-        rows=table,
+        rows=[cells for each in sides for cells in _cells(each, dates)],
     )
 
 
@@ -251,22 +228,28 @@ DRAWN: Final = 25
 """Number of points along a line at which the edges of its band, which are curved, are computed."""
 
 
-def _line(side: str, followed: _Followed, span: tuple[float, float], times: float) -> Line:
-    x = np.linspace(*span, DRAWN)
+def _side(followed: _Followed, span: tuple[float, float], times: float) -> Side:
+    known, line_x = np.isfinite(followed.value), np.linspace(*span, DRAWN)
     assert followed.fit is not None
-    y, half = followed.fit.band(x)
-    return Line(side=side, x=x, y=times * y, low=times * (y - half), high=times * (y + half))
+    y, half = followed.fit.band(line_x)
+    return Side(
+        side=followed.like.side or "",
+        x=followed.x[known],
+        y=times * followed.value[known],
+        reach=NORMAL_95 * times * followed.sigma[known],
+        line_x=line_x,
+        line_y=times * y,
+        low=times * (y - half),
+        high=times * (y + half),
+    )
 
 
-def _cells(side: str, followed: _Followed, dates: Sequence[date]) -> list[tuple[str, Sequence[str]]]:
-    rows = list[tuple[str, Sequence[str]]]()
+def _cells(followed: _Followed, dates: Sequence[date]) -> list[tuple[str, Sequence[str]]]:
+    side, rows = followed.like.side, list[tuple[str, Sequence[str]]]()
     for day, value, sigma in zip(dates, followed.value.tolist(), followed.sigma.tolist(), strict=True):
         if np.isfinite(value):
-            stated = sigma if np.isfinite(sigma) and sigma > 0 else None
-            like = followed.like
-            form = value_form(Measure(measure=like.measure, value=value, unit=like.unit, sigma=stated, frames=0))
-            reach = "" if stated is None else f" ± {form.write(NORMAL_95 * stated)}"
-            rows.append((day.isoformat() + (f", {side}" if side else ""), (form.write(value) + reach,)))
+            own = replace(followed.like, value=value, sigma=sigma if sigma > 0 else None, why=None)
+            rows.append((day.isoformat() + (f", {side}" if side else ""), (value_text(own),)))
     return rows
 
 

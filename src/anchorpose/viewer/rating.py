@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,19 +45,12 @@ APART_S: Final = 1.0
 SEED_BITS: Final = 32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Blinded:
-    """The trials as shown to raters. review: the frames of all trials in the order shown. spans: the first and the last
-    row of each trial.
-    """
-
-    review: Review
-    spans: tuple[tuple[int, int], ...]
+Spans = tuple[tuple[int, int], ...]  # the first and the last row of each trial, in the order shown
 
 
-def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
-    """Return the trials in the given order, without names, angles, contacts and notes, and with other frame numbers and
-    times than in the session.
+def blind(review: Review, trials: Sequence[Trial]) -> tuple[Review, Spans]:
+    """Return the frames of all trials in the given order, without names, angles, contacts and notes, and with other
+    frame numbers and times than in the session; and the rows of each trial.
     """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
@@ -80,9 +73,7 @@ def blind(review: Review, trials: Sequence[Trial]) -> Blinded:
         explained=None,
         depth_frames=None if review.depth_frames is None else cut_rows(review.depth_frames, rows),
     )
-    return Blinded(
-        hidden, tuple((end - (part.stop - part.start), end - 1) for end, part in zip(ends, parts, strict=True))
-    )
+    return hidden, tuple((end - (part.stop - part.start), end - 1) for end, part in zip(ends, parts, strict=True))
 
 
 def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
@@ -136,9 +127,9 @@ class ScoreFile:
 class RatingApi(ReviewApi):
     """The answers to requests of the page for raters; no answer states a condition or the number of a trial."""
 
-    def __init__(self, blinded: Blinded, scores: ScoreFile) -> None:
-        super().__init__(blinded.review)
-        self.spans, self.scores = blinded.spans, scores
+    def __init__(self, review: Review, spans: Spans, scores: ScoreFile) -> None:
+        super().__init__(review)
+        self.spans, self.scores = spans, scores
         self._get |= {"description": self._describe}
         self._post |= {"score": lambda body: json_response(_in_order(self.scores.give(body["shown"], body["score"])))}
 
@@ -173,8 +164,8 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
     check_place(path, results, recording)
     scores = ScoreFile(path, initials, rated_session(review.run, trials), _shown(results, trials, review))
     by_number = {trial.number: trial for trial in trials.rows}
-    blinded = blind(review, [by_number[row.trial] for row in scores.current().rows])
-    return RatingServer(RatingApi(blinded, scores), host, port)
+    hidden, spans = blind(review, [by_number[row.trial] for row in scores.current().rows])
+    return RatingServer(RatingApi(hidden, spans, scores), host, port)
 
 
 def require_initials(results: Path, rater: str) -> str:

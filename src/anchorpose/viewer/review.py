@@ -18,6 +18,7 @@ from filelock import FileLock, Timeout
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.recording.document import validate
+from anchorpose.report.timeline import matched_share
 from anchorpose.results.corrections import (
     Correction,
     Corrections,
@@ -29,7 +30,7 @@ from anchorpose.results.corrections import (
     require_recording,
     write_corrections,
 )
-from anchorpose.results.explained import EXPLAINED_FILE, ExplainedTable, read_explained, worst_moments
+from anchorpose.results.explained import EXPLAINED, ExplainedTable, worst_moments
 from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import unbroken_runs, worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
@@ -80,11 +81,8 @@ class Review:
         """Return (n,) share of the followed surface points that were matched in the next frame; NaN without such
         points.
         """
-        shares = (self.run.get("association") or {}).get("matched_share", [])
-        count = len(self.joints.frame)
-        if len(shares) != count:
-            return np.full(count, np.nan)
-        return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
+        share = matched_share(self.run, len(self.joints.frame))
+        return np.full(len(self.joints.frame), np.nan) if share is None else share
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
@@ -92,11 +90,10 @@ def open_review(results: Path, recording: Path | None) -> Review:
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
-    require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED_FILE, CONTACTS_FILE), run)
-    poses, anchors = (_if_there(table, results) for table in (POSES, ANCHORS))
-    explained = read_explained(results / EXPLAINED_FILE) if (results / EXPLAINED_FILE).exists() else None
+    require_own(results, (JOINTS.file, POSES.file, ANCHORS.file, ANGLES.file, EXPLAINED.file, CONTACTS_FILE), run)
+    poses, anchors, explained = (_if_there(table, results) for table in (POSES, ANCHORS, EXPLAINED))
     angles = ANGLES.read(results / ANGLES.file)
-    tables = {POSES.file: poses, ANCHORS.file: anchors, EXPLAINED_FILE: explained, ANGLES.file: angles}
+    tables = {POSES.file: poses, ANCHORS.file: anchors, EXPLAINED.file: explained, ANGLES.file: angles}
     for file, table in tables.items():
         if table is not None and not np.array_equal(table.frame, joints.frame):
             raise InputError(results / file, "has other frames than joints.parquet", "track the recording again")
