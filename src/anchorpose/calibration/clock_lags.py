@@ -10,7 +10,7 @@ but without signals every possible lag would have to be tried on full depth fram
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Final
 
@@ -149,7 +149,6 @@ def _vertex(score: np.ndarray, best: int) -> float:
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # maximum number of frames in memory; for a Kinect v2, these take 260 MB
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
 # s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
@@ -169,41 +168,6 @@ APART_S: Final = 0.2  # s, time between the two frames whose difference is the a
 # m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
 # value, since it shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
-
-
-@dataclass(slots=True, eq=False)
-class FrameCache:
-    """A reader of depth frames on demand. It counts the frames read, and keeps the latest of them in memory, since
-    windows of a short recording overlap.
-    """
-
-    source: RecordedFrames
-    read_count: int = 0
-    kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        return self.source.cameras
-
-    @property
-    def times_s(self) -> tuple[np.ndarray, ...]:
-        return self.source.times_s
-
-    def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Return a depth frame (height, width) float32 in metres; None if it is unusable."""
-        if (camera, position) not in self.kept:
-            self.read_count += 1
-            if len(self.kept) >= FRAMES_KEPT:
-                del self.kept[next(iter(self.kept))]
-            self.kept[camera, position] = self.source.read(camera, position)
-        return self.kept[camera, position]
-
-    def between(self, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-        """Return (time, depth) of the usable frames of a camera between two times of its clock."""
-        times_s = self.times_s[camera]
-        first, last = np.searchsorted(times_s, [begin_s, end_s])
-        found = ((float(times_s[k]), self.read(camera, k)) for k in range(first, last))
-        return [(time_s, depth) for time_s, depth in found if depth is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +198,7 @@ class RoughLag:
 REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to itself
 
 
-def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
+def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
     """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and the
     amount of this movement (m^3).
 
@@ -250,7 +214,7 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
     return found
 
 
-def _motion(frames: FrameCache, time_s: float) -> float:
+def _motion(frames: RecordedFrames, time_s: float) -> float:
     """Return the amount of movement (m^3) between two frames of the reference camera: the sum of area times change of
     depth; -1 if a frame is missing.
     """
@@ -270,7 +234,7 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 
 
 def rough_lags(
-    frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
+    frames: RecordedFrames, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
     decide among the camera's best lags. If a certain lag contradicts the time stamps, surfaces decide between this lag
@@ -295,7 +259,7 @@ def rough_lags(
     return rough
 
 
-def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
+def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
     """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, else None."""
     stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
     return [REFERENCE, *(found[0] if found else None for found in stamped)]
@@ -311,7 +275,7 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
     return apart[:BLOCKS]
 
 
-def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
+def _from_stamps(frames: RecordedFrames, camera: int) -> list[RoughLag]:
     """Return the lag 0 if the camera's time stamps may count from the reference clock's epoch, else no lag."""
     around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
     at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
@@ -329,7 +293,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 
 
 def _best_lags(
-    frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
+    frames: RecordedFrames, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
     """Return the best lags around each lag of ``_guesses``, the best first."""
     found: list[SignalLag] = []
@@ -342,17 +306,27 @@ def _best_lags(
 
 
 def _block_signal(
-    frames: FrameCache, camera: int, at_s: float, half_s: float, level: FloorPlane | None
+    frames: RecordedFrames, camera: int, at_s: float, half_s: float, level: FloorPlane | None
 ) -> MotionSignal:
-    block = frames.between(camera, at_s - half_s, at_s + half_s)
+    block = _between(frames, camera, at_s - half_s, at_s + half_s)
     if len(block) < 3:
         return MotionSignal(np.empty(0), np.empty((0, 1)))
     noise = noise_per_m([block[0][1], block[-1][1]])
     return motion_signal(block, frames.cameras[camera], level, noise)
 
 
+def _between(frames: RecordedFrames, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
+    """Return (time, depth) of the usable frames of a camera between two times of its clock. The windows of a short
+    recording overlap, so a frame may be needed more than once.
+    """
+    times_s = frames.times_s[camera]
+    first, last = np.searchsorted(times_s, [begin_s, end_s])
+    found = ((float(times_s[k]), frames.read(camera, k)) for k in range(first, last))
+    return [(time_s, depth) for time_s, depth in found if depth is not None]
+
+
 def _best_by_surfaces(
-    frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
+    frames: RecordedFrames, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
     """Return the lag at which this camera's surfaces fit the reference camera's best; None if no lag can be tested."""
     best, least_m = None, np.inf
@@ -370,7 +344,7 @@ def _best_by_surfaces(
     return best
 
 
-def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
+def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
     """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
     relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be lost.
     """
@@ -391,12 +365,12 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
     return lags
 
 
-def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
+def _clip(frames: RecordedFrames, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
     """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None if the
     camera has too few frames, no rough lag or no pose.
     """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None
     half_s = WINDOW_S / 2 + rough.reach_s
-    window = frames.between(camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
+    window = _between(frames, camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
     return make_clip(frames.cameras[camera], window) if len(window) >= LEAST_FRAMES else None
