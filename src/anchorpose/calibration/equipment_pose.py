@@ -4,6 +4,7 @@ equipment model alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -139,7 +140,7 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         hidden_m2=total(hidden),
         unread_m2=total((free == 0) & ~hidden),
         pixels=np.bincount(part[~hidden], minlength=parts),
-        shift_m=part_shifts(view, equipment, fit),
+        shift_m=part_shifts(view, prediction, fit.edge_bias_px, parts),
         filled_share=filled,
         outlined_share=outlined,
     )
@@ -167,42 +168,31 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
     return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)
 
 
-def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected (None if it is accepted). Also return the index of the equipment's part that
-    causes the rejection, or None.
-    """
+def judge(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
+    """Return why the pose is rejected; None if it is accepted. names: one per part of the equipment."""
+    evidence = pose.evidence
     if evidence.seen_share < LEAST_SEEN:
-        return NoPose.LITTLE_SEEN, None
+        return NoEquipmentPose(NoPose.LITTLE_SEEN)
     if evidence.filled_share > MOST_FILLED:
-        return NoPose.FILLED, None
+        return NoEquipmentPose(NoPose.FILLED)
     enough = evidence.pixels >= LEAST_PIXELS_OF_PART
     through = evidence.through_m2 / np.maximum(evidence.on_m2 + evidence.through_m2, 1e-9)
     missing = np.flatnonzero(enough & (through > MOST_THROUGH_OF_PART))
     if len(missing):
-        return NoPose.PART_MISSING, int(missing[np.argmax(evidence.through_m2[missing])])
+        return NoEquipmentPose(NoPose.PART_MISSING, names[missing[np.argmax(evidence.through_m2[missing])]])
     unread_share = evidence.unread_m2 / np.maximum(evidence.on_m2 + evidence.through_m2 + evidence.unread_m2, 1e-9)
     unread = np.flatnonzero(enough & (unread_share > MOST_UNREAD_OF_PART))
     if len(unread):
-        return NoPose.PART_UNREAD, int(unread[np.argmax(evidence.unread_m2[unread])])
+        return NoEquipmentPose(NoPose.PART_UNREAD, names[unread[np.argmax(evidence.unread_m2[unread])]])
     if evidence.through_share > MOST_THROUGH:
-        return NoPose.SEEN_THROUGH, None
+        return NoEquipmentPose(NoPose.SEEN_THROUGH)
     shift = np.nan_to_num(evidence.shift_m)
     if shift.max(initial=0.0) > SAME_M:
-        return NoPose.PART_ELSEWHERE, int(shift.argmax())
+        return NoEquipmentPose(NoPose.PART_ELSEWHERE, names[shift.argmax()])
     if evidence.outlined_share < LEAST_OUTLINED:
-        return NoPose.OUTLINE, None
-    turn, place = sigma_of(fit)
-    return (NoPose.UNSURE if turn > MOST_SIGMA_RAD or place > MOST_SIGMA_M else None), None
-
-
-def sigma_of(fit: Refined) -> tuple[float, float]:
-    """Return the standard deviations of the angle (rad) and of the position of the equipment's centre (m), each in its
-    worst direction.
-
-    The systematic error of a camera is added, since it does not become smaller with more pixels.
-    """
-    turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
-    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
+        return NoEquipmentPose(NoPose.OUTLINE)
+    unsure = pose.sigma_rad > MOST_SIGMA_RAD or pose.sigma_m > MOST_SIGMA_M
+    return NoEquipmentPose(NoPose.UNSURE) if unsure else None
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
@@ -224,6 +214,8 @@ class EquipmentPoseConfig:
 class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
+
+    Both sigmas include the systematic error of a camera, since it does not become smaller with more pixels.
     """
 
     fit: Refined
@@ -237,11 +229,13 @@ class EquipmentPose:
 
     @property
     def sigma_rad(self) -> float:
-        return sigma_of(self.fit)[0]
+        """Return the standard deviation of the angle, in its worst direction."""
+        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[:3, :3])[-1]), STEADY_RAD))
 
     @property
     def sigma_m(self) -> float:
-        return sigma_of(self.fit)[1]
+        """Return the standard deviation of the position of the equipment's centre, in its worst direction."""
+        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[3:, 3:])[-1]), STEADY_ERROR_M))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,7 +262,7 @@ def find_equipment(
     for floor_m in _floor_heights(equipment):
         fits += _fits(view, equipment, floor_m, config)
     fits.sort(key=lambda pose: -pose.evidence.score_m2)
-    good = [pose for pose in fits if judge(pose.fit, pose.evidence)[0] is None]
+    good = [pose for pose in fits if judge(pose, equipment.names) is None]
     if not good or good[0].evidence.score_m2 < LEAST_LEAD * fits[0].evidence.score_m2:
         return _reason(fits, equipment)
     rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > RIVAL * good[0].evidence.score_m2]
@@ -284,8 +278,7 @@ def refit(
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
-    why, part = judge(pose.fit, pose.evidence)
-    return pose if why is None else NoEquipmentPose(why, None if part is None else equipment.names[part])
+    return judge(pose, equipment.names) or pose
 
 
 def _refined(
@@ -322,10 +315,8 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
-    why, part = judge(likely.fit, likely.evidence)
-    if why == NoPose.FILLED:
-        return NoEquipmentPose(NoPose.NOT_SEEN)
-    return NoEquipmentPose(why or NoPose.AMBIGUOUS, None if part is None else equipment.names[part])
+    found = judge(likely, equipment.names) or NoEquipmentPose(NoPose.AMBIGUOUS)
+    return NoEquipmentPose(NoPose.NOT_SEEN) if found.why is NoPose.FILLED else found
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:

@@ -281,17 +281,15 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
     )
 
 
-def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
+def part_shifts(view: StillView, prediction: Prediction, bias_px: float, count: int) -> np.ndarray:
     """Return the length (parts,), in metres, of the shift after which each part alone would fit best; NaN if
     inaccurate. Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along
     itself is invisible.
+
+    bias_px: see ``Refined.edge_bias_px``; count: number of parts.
     """
-    count = equipment.caster.part_count
-    prediction = predict(view.camera, equipment, fit.T_camera_model)
-    if prediction is None:
-        return np.full(count, np.nan)
     surface = surface_rows(view, prediction, COARSE.tolerance_m)
-    rows = [surface, outline_rows(view, prediction, fit.edge_bias_px, COARSE)]
+    rows = [surface, outline_rows(view, prediction, bias_px, COARSE)]
     return np.array([_shift_alone(rows, part) for part in range(count)])
 
 

@@ -121,13 +121,7 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
     if len(kept) > 1 and unknown:
         problem = f"the pose of {', '.join(unknown)} is unknown, so the cameras' depth images cannot be combined"
         raise InputError(recording.folder / "recording.json", problem, "choose one with --camera, or calibrate first")
-    return replace(
-        recording,
-        cameras=tuple(recording.cameras[index] for index in kept),
-        streams=tuple(recording.streams[index] for index in kept),
-        backgrounds_m=tuple(recording.backgrounds_m[index] for index in kept),
-        equipment=None,
-    )
+    return replace(recording.of_cameras(kept), equipment=None)
 
 
 def propose_equipment(
