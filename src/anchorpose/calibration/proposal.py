@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.equipment_model import rotation_about_y
 from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
 from anchorpose.calibration.proposal_readings import LEAST_PIXELS, Found, Readings, Region, find_parts, gather_readings
 from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
@@ -19,6 +18,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
+from anchorpose.rotations import rotation_about_y
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
 # rad, maximum angle by which a part's axes are turned to lie along the common directions (the vertical, and the level
