@@ -54,18 +54,13 @@ class MotionSignal:
 @dataclass(frozen=True, slots=True)
 class SignalLag:
     """A lag between two clocks, estimated from their cameras' signals of motion. lag_s: the second clock minus the
-    first at the same moment; peak: correlation at this lag; second: highest correlation at a lag that belongs to
-    another peak.
+    first at the same moment; peak: correlation at this lag; is_certain: whether the peak stands out enough from all
+    other peaks for its lag to be accepted without a check by surfaces.
     """
 
     lag_s: float
     peak: float
-    second: float
-
-    @property
-    def is_certain(self) -> bool:
-        """Return whether the peak stands out enough for its lag to be accepted without a check by surfaces."""
-        return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
+    is_certain: bool
 
 
 def motion_signal(
@@ -111,7 +106,9 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
         left[np.abs(shifts - shifts[peaks[-1]]) * step_s <= PEAKS_APART_S] = -np.inf
     best = [float(score[peak]) for peak in peaks]
     lags = [float(start_s + (shifts[peak] + _vertex(score, peak)) * step_s) for peak in peaks]
-    return tuple(SignalLag(lag, best[k], max(best[:k] + best[k + 1 :], default=0.0)) for k, lag in enumerate(lags))
+    second = [max(best[:k] + best[k + 1 :], default=0.0) for k in range(len(best))]
+    certain = [peak >= max(LEAST_PEAK, CERTAIN_LEAD * other) for peak, other in zip(best, second, strict=True)]
+    return tuple(SignalLag(*found) for found in zip(lags, best, certain, strict=True))
 
 
 def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> np.ndarray:

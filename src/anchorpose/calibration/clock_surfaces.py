@@ -63,13 +63,12 @@ class Clip:
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
     """A lag between two clocks, measured from surfaces that both cameras see. lag_s: the second clock minus the first
-    at the same moment; sigma_s: its standard error; points: number of residuals; misfit_m: root mean square of all
-    residuals at this lag, where residuals above ``SAME_SURFACE_M`` count as this value.
+    at the same moment; sigma_s: its standard error; misfit_m: root mean square of all residuals at this lag, where
+    residuals above ``SAME_SURFACE_M`` count as this value.
     """
 
     lag_s: float
     sigma_s: float
-    points: int
     misfit_m: float
 
 
@@ -111,7 +110,7 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
         if abs(step) < SETTLED_S:
             sigma_s = float(np.sqrt(sum((pull**2).sum() for _, pull, _ in sides))) / weight
             misfit_m = float(np.sqrt(_truncated_misfit(there, back, lag_s)))
-            return SurfaceLag(lag_s, sigma_s, points, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
+            return SurfaceLag(lag_s, sigma_s, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
     return None
 
 

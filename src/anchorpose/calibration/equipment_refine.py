@@ -44,16 +44,19 @@ class Gate(NamedTuple):
 class StillView:
     """The evidence from one camera.
 
-    still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
-    reading: the depth frames from which the still surface was made; if a frame of the empty room is given, only this
-    frame.
+    frames_m (n, height, width) float32, 0 = no reading: the depth frames; if a frame of the empty room is given, only
+    this frame.
     """
 
     camera: Camera
-    still_m: np.ndarray
     frames_m: np.ndarray
     noise_per_m: float
     floor: FloorPlane
+
+    @property
+    def still_m(self) -> np.ndarray:
+        """Return the still surface (height, width) float32 in the frames, 0 = unknown."""
+        return what_stays(self.frames_m, self.noise_per_m)
 
     @property
     def range_m(self) -> float:
@@ -64,9 +67,9 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """Return the evidence from the image of the empty room if given, else from the still surfaces of the frames."""
+    """Return the evidence from the image of the empty room if given, else from the frames."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
-    return StillView(camera, what_stays(stack, noise), stack, noise, floor)
+    return StillView(camera, stack, noise, floor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -143,7 +143,7 @@ def notice_movement(
     if count < LEAST_FRAMES:
         return None
     late = np.stack(frames_m[-count:])
-    late_view = replace(view, frames_m=late, still_m=what_stays(late, view.noise_per_m))
+    late_view = replace(view, frames_m=late)
     counts = partial(_pixel_counts, view, equipment, config.tolerance_m)
     now = refit(late_view, equipment, T_camera_model, prior, config)
     if not isinstance(now, EquipmentPose):
@@ -253,15 +253,14 @@ def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
         attempts.append((None, frames))
     elif len(frames) >= 4:
         attempts.append((None, frames[: len(frames) // 2]))
-    first: NoEquipmentPose | None = None
+    reasons = list[NoEquipmentPose]()
     for room, used in attempts:
         found = _attempt(inputs, camera, used, room)
         if not isinstance(found, NoEquipmentPose):
             return SeenEquipment(index, found[0], frames, times, found[1])
-        first = first or found
-    why = first or NoEquipmentPose(NoPose.NOT_SEEN)
-    part = f" ({why.part})" if why.part else ""
-    problem = f"camera_to_world is null for {camera.name}, and this camera {why.why.value}{part}"
+        reasons.append(found)
+    part = f" ({reasons[0].part})" if reasons[0].part else ""
+    problem = f"camera_to_world is null for {camera.name}, and this camera {reasons[0].why.value}{part}"
     raise InputError(recording.folder / "recording.json", problem, REMEDY)
 
 
