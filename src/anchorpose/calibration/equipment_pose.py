@@ -12,7 +12,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_model import SAME_M, Equipment, Rendering
+from anchorpose.calibration.equipment_model import SAME_M, Equipment
 from anchorpose.calibration.equipment_refine import (
     FINE,
     STEADY_ERROR_M,
@@ -21,6 +21,7 @@ from anchorpose.calibration.equipment_refine import (
     Prediction,
     Refined,
     StillView,
+    incidence,
     observed_edges,
     part_shifts,
     predict,
@@ -115,7 +116,9 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         nothing = np.zeros(parts)
         return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
     rendering = prediction.rendering
-    row, column = _facing(view, rendering)
+    row, column = np.nonzero(rendering.part >= 0)
+    facing = incidence(view.camera, rendering, row, column)[2] > LEAST_COSINE
+    row, column = row[facing], column[facing]
     depth = rendering.depth_m[row, column].astype(np.float64)
     readings = view.frames_m[:, *rendering.window][:, row, column]
     gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2
@@ -144,15 +147,6 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         filled_share=filled,
         outlined_share=outlined,
     )
-
-
-def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row and column (n,), in the rendering, of each pixel whose surface is not seen at a flat angle."""
-    row, column = np.nonzero(rendering.part >= 0)
-    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
-    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
-    return row[facing > LEAST_COSINE], column[facing > LEAST_COSINE]
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:

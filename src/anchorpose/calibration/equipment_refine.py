@@ -128,10 +128,7 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
     behind = readings > depth + gate
     count = on.sum(axis=0)
     normal = rendering.normal[row, column]
-    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
-    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    slant = np.sum(normal * ahead, axis=1)
-    cosine = np.abs(slant) / np.linalg.norm(ahead, axis=1)
+    ahead, slant, cosine = incidence(view.camera, rendering, row, column)
     used = (count > behind.sum(axis=0)) & (cosine > LEAST_COSINE)
     mean = np.where(on, readings, 0.0).sum(axis=0)[used] / count[used]
     depth, normal, ahead, slant = depth[used], normal[used], ahead[used], slant[used]
@@ -142,6 +139,18 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
     jacobian = np.concatenate([turn, normal, np.zeros((len(point), 1))], axis=1) / sigma[:, None]
     residual, part = (mean - depth) * slant / sigma, rendering.part[row, column][used]
     return Rows(jacobian, residual, part, SURFACE_ROWS_PER_OBSERVATION, 2.0 * ROBUST)
+
+
+def incidence(
+    camera: Camera, rendering: Rendering, row: np.ndarray, column: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return, for pixels (n,) of a rendering: the vector (n, 3) along the ray with a depth of one metre, its product
+    (n,) with the surface's normal, and the cosine (n,) of the angle of incidence.
+    """
+    rays = camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
+    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    slant = np.sum(rendering.normal[row, column] * ahead, axis=1)
+    return ahead, slant, np.abs(slant) / np.linalg.norm(ahead, axis=1)
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
