@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from anchorpose.calibration.clock_lags import (
     DRIFT_SIGMA,
@@ -106,12 +107,10 @@ def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarr
 
 def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     """Return (cameras,) bool: cameras linked to the first by lags, directly or through other cameras."""
-    reached = np.arange(cameras) == 0
-    for _ in range(cameras):
-        for lag in lags:
-            if reached[lag.first] or reached[lag.second]:
-                reached[[lag.first, lag.second]] = True
-    return reached
+    linked = np.zeros((cameras, cameras))
+    linked[[lag.first for lag in lags], [lag.second for lag in lags]] = 1
+    group: np.ndarray = connected_components(linked, directed=False)[1]
+    return group == group[0]
 
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends

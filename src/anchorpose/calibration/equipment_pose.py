@@ -105,17 +105,15 @@ class PartEvidence:
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
-def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
+def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence | None:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
     counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background.
+    pixels of a bar often read the background. The result is None if the equipment is outside the depth image.
     """
-    parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
     if prediction is None:
-        nothing = np.zeros(parts)
-        return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
-    rendering = prediction.rendering
+        return None
+    rendering, parts = prediction.rendering, equipment.caster.part_count
     row, column = np.nonzero(rendering.part >= 0)
     facing = incidence(view.camera, rendering, row, column)[2] > LEAST_COSINE
     row, column = row[facing], column[facing]
@@ -279,7 +277,8 @@ def _refined(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | None:
     fit = refine(view, equipment, start, prior)
-    return None if fit is None else EquipmentPose(fit, gather_evidence(view, equipment, fit, config.tolerance_m))
+    evidence = None if fit is None else gather_evidence(view, equipment, fit, config.tolerance_m)
+    return None if fit is None or evidence is None else EquipmentPose(fit, evidence)
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
