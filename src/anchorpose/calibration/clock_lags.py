@@ -239,7 +239,8 @@ def rough_lags(
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
-    possible = [_from_stamps(frames, camera) for camera in range(len(levels))]
+    stamped = stamped_lags(frames)
+    possible = [[] if lag is None else [lag] for lag in stamped]
     for at_s in _blocks(frames.times_s[0], busiest_s):
         reference = _block_signal(frames, 0, at_s, BLOCK_S / 2, same[0])
         for camera in (camera for camera, found in enumerate(rough) if found is None):
@@ -248,18 +249,23 @@ def rough_lags(
             rough[camera] = found[0] if found and found[0].certain else None
             possible[camera] += found
     for camera in range(1, len(rough)):
-        certain, stamped = rough[camera], _from_stamps(frames, camera)
+        certain, by_stamps = rough[camera], stamped[camera]
         if certain is None:
             rough[camera] = _best_by_surfaces(frames, camera, possible[camera], busiest_s[:LEAST_WINDOWS])
-        elif stamped and abs(certain.lag_s) > REACH_S:
-            rough[camera] = _best_by_surfaces(frames, camera, [*stamped, certain], busiest_s[:LEAST_WINDOWS]) or certain
+        elif by_stamps is not None and abs(certain.lag_s) > REACH_S:
+            tried = [by_stamps, certain]
+            rough[camera] = _best_by_surfaces(frames, camera, tried, busiest_s[:LEAST_WINDOWS]) or certain
     return rough
 
 
 def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
-    """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, else None."""
-    stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
-    return [REFERENCE, *(found[0] if found else None for found in stamped)]
+    """Return a lag of zero for each camera whose time stamps may count from the epoch of the first camera's clock, else
+    None.
+    """
+    reference_s = frames.times_s[0]
+    zero = RoughLag(0.0, float(reference_s[len(reference_s) // 2]))
+    nearest_s = [_guesses(reference_s, other_s)[0][0] for other_s in frames.times_s[1:]]
+    return [REFERENCE, *(zero if around_s == 0.0 else None for around_s in nearest_s)]
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
@@ -270,13 +276,6 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
     inside = [float(np.clip(at_s, low, high)) for at_s in busiest_s]
     apart = [at_s for k, at_s in enumerate(inside) if all(abs(at_s - other) > BLOCK_S / 2 for other in inside[:k])]
     return apart[:BLOCKS]
-
-
-def _from_stamps(frames: RecordedFrames, camera: int) -> list[RoughLag]:
-    """Return the lag 0 if the camera's time stamps may count from the reference clock's epoch, else no lag."""
-    around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
-    at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
-    return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
