@@ -106,8 +106,8 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
         left[np.abs(shifts - shifts[peaks[-1]]) * step_s <= PEAKS_APART_S] = -np.inf
     best = [float(score[peak]) for peak in peaks]
     lags = [float(start_s + (shifts[peak] + _vertex(score, peak)) * step_s) for peak in peaks]
-    second = [max(best[:k] + best[k + 1 :], default=0.0) for k in range(len(best))]
-    certain = [peak >= max(LEAST_PEAK, CERTAIN_LEAD * other) for peak, other in zip(best, second, strict=True)]
+    others = [max(best[:k] + best[k + 1 :], default=0.0) for k in range(len(best))]
+    certain = [peak >= max(LEAST_PEAK, CERTAIN_LEAD * other) for peak, other in zip(best, others, strict=True)]
     return tuple(SignalLag(*found) for found in zip(lags, best, certain, strict=True))
 
 

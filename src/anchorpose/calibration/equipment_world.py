@@ -147,7 +147,7 @@ def notice_movement(
     counts = partial(_pixel_counts, view, equipment, config.tolerance_m)
     now = refit(late_view, equipment, T_camera_model, prior, config)
     if not isinstance(now, EquipmentPose):
-        through = _through_share(counts(T_camera_model, late))
+        through = _through_share(counts(T_camera_model, frames_m[-count:]))
         if through < DOUBT_SHARE:
             return None
         now = find_equipment(late_view, equipment, config)
