@@ -142,8 +142,7 @@ def notice_movement(
     count = round(LATE_SHARE * len(frames_m))
     if count < LEAST_FRAMES:
         return None
-    late = np.stack(frames_m[-count:])
-    late_view = replace(view, frames_m=late)
+    late_view = replace(view, frames_m=np.stack(frames_m[-count:]))
     counts = partial(_pixel_counts, view, equipment, config.tolerance_m)
     now = refit(late_view, equipment, T_camera_model, prior, config)
     if not isinstance(now, EquipmentPose):
