@@ -16,11 +16,12 @@ import numpy as np
 from anchorpose.body.skin_points import body_points
 from anchorpose.calibration.calibration import Calibration, PoseRecord, write_calibration
 from anchorpose.calibration.first_frames import noise_per_m, what_stays
-from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.calibration.marker_layout import MarkerLayout
 from anchorpose.calibration.markers import place_by_markers
 from anchorpose.motion.prediction import load_motions
 from anchorpose.pages.canvas import as_png
 from anchorpose.pages.stage_drawing import draw_model
+from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import Recording, depths_of
 from anchorpose.results.unfinished import BEGUN_FILE, begin_journal, clear_beside_journal, end_journal
@@ -146,7 +147,7 @@ def calibrate_recording(
             opened = replace(opened, cameras=tuple(replace(c, T_world_camera=None) for c in opened.cameras))
         by_marker: dict[str, PoseRecord] = {}
         if markers is not None:
-            opened, by_marker = place_by_markers(opened, read_marker_layout(markers))
+            opened, by_marker = place_by_markers(opened, read_document(markers, MarkerLayout))
         settled = settle(opened, config)
         found, samples = agreeing(settled, scenes_of(settled)).calibration, settled.samples
         records = tuple(by_marker.get(pose.camera, pose) for pose in found.poses)

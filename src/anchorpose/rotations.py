@@ -69,6 +69,12 @@ def turns_about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return turns(np.asarray(angle)[..., None] * axis)
 
 
+def rotation_about_y(angle_rad: float) -> np.ndarray:
+    """Return the right-handed rotation (3, 3) about Y."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+
+
 def rotation_matrices(vectors: np.ndarray) -> np.ndarray:
     """Return (m, 3, 3) rotation matrices of rotation vectors (m, 3)."""
     matrices = np.empty((len(vectors), 3, 3))

@@ -12,6 +12,11 @@ FRONT = camera_at((2.5, 1.3, 0.0), (0.0, 0.9, 0.0), width=192, height=160)
 LEFT = camera_at((1.5, 1.2, -2.1), (0.0, 0.9, 0.0), width=192, height=160)
 
 
+def shown_s(clock: Clock, reference_s: float) -> float:
+    """The time that a clock shows at a reference time."""
+    return reference_s + clock.ahead_s + clock.drift * (reference_s - clock.at_s)
+
+
 def walking(time_s: float) -> tuple:
     """Two people of different height; one sways, one walks about; movements that never repeat."""
     sway = 0.12 * np.sin(2.1 * time_s) + 0.08 * np.sin(5.3 * time_s + 1.0)
@@ -40,7 +45,7 @@ class MovingRoom:
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
         steps = np.arange(round(self.seconds * self.fps)) / self.fps
-        return tuple(clock.own_s(0.0) + steps for clock in self.clocks)
+        return tuple(shown_s(clock, 0.0) + steps for clock in self.clocks)
 
     def read(self, camera: int, position: int) -> np.ndarray:
         self.reads += 1

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from moving_room import FRONT, LEFT, MovingRoom, standing
+from moving_room import FRONT, LEFT, MovingRoom, shown_s, standing
 from room_builder import unposed
 
 from anchorpose.calibration import clocks
@@ -31,8 +31,8 @@ def clip(room: MovingRoom, camera: int):
 def test_a_clock_and_its_inverse_are_one():
     clock = Clock(ahead_s=-1.2, drift=8e-5, at_s=300.0)
     for time_s in (0.0, 300.0, 600.0):
-        assert clock.reference_s(np.array([clock.own_s(time_s)]))[0] == pytest.approx(time_s, abs=1e-9)
-    assert clock.own_s(600.0) - 600.0 == pytest.approx(-1.2 + 300 * 8e-5)
+        assert clock.reference_s(np.array([shown_s(clock, time_s)]))[0] == pytest.approx(time_s, abs=1e-9)
+    assert shown_s(clock, 600.0) - 600.0 == pytest.approx(-1.2 + 300 * 8e-5)
 
 
 @pytest.mark.thorough
@@ -40,7 +40,6 @@ def test_shared_surfaces_give_the_lag_to_three_milliseconds_and_it_turns_its_sig
     found = surface_lag(clip(room, 0), clip(room, 1), AHEAD_S + 0.05, 0.12)
     assert found.lag_s == pytest.approx(AHEAD_S, abs=0.003)
     assert abs(found.lag_s - AHEAD_S) < 4.0 * np.hypot(found.sigma_s, 0.001)
-    assert found.points > 400
     there = surface_lag(clip(room, 0), clip(room, 1), AHEAD_S, 0.12)
     back = surface_lag(clip(room, 1), clip(room, 0), -AHEAD_S, 0.12)
     assert there.lag_s == pytest.approx(-back.lag_s, abs=3e-4)
@@ -62,9 +61,9 @@ def test_signals_give_the_lag_without_any_pose(room):
         )
         for k, level in enumerate(LEVELS)
     ]
-    best = signal_lags(*signals, 0.0, 2.0)[0]
+    best, *others = signal_lags(*signals, 0.0, 2.0)
     assert best.lag_s == pytest.approx(AHEAD_S, abs=0.06)
-    assert best.peak > best.second
+    assert all(best.peak > other.peak for other in others)
 
 
 def test_a_signal_agrees_with_itself_where_it_was_shifted_to():

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.calibration import markers
 from anchorpose.calibration.calibration import PoseSource
-from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag, read_marker_layout
+from anchorpose.calibration.marker_layout import Board, MarkerLayout, Tag
 from anchorpose.calibration.markers import MarkerPose, NoMarkers, place_by_markers, pose_from_markers
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.errors import InputError
+from anchorpose.recording.document import read_document
 from anchorpose.recording.recording import UNKNOWN, Recording
 
 DICTIONARY = "DICT_APRILTAG_36h11"
@@ -232,12 +233,12 @@ def document(**changes) -> dict:
 def test_a_layout_is_read_as_it_is_written(tmp_path):
     path = tmp_path / "markers.json"
     path.write_text(json.dumps(document()))
-    (only,) = read_marker_layout(path).tags
+    (only,) = read_document(path, MarkerLayout).tags
     assert (only.number, only.size_m) == (4, 0.16)
     np.testing.assert_allclose(only.corners_m()[0], [-0.08, 0.08, 0.0])
     board = {"squares_x": 5, "squares_y": 7, "square_m": 0.04, "marker_m": 0.03, "pose": np.eye(4).tolist()}
     path.write_text(json.dumps({key: value for key, value in document(board=board).items() if key != "tags"}))
-    assert read_marker_layout(path).board is not None
+    assert read_document(path, MarkerLayout).board is not None
 
 
 @pytest.mark.parametrize(
@@ -257,7 +258,7 @@ def test_a_layout_that_cannot_be_used_is_refused_with_a_remedy(tmp_path, changes
     path = tmp_path / "markers.json"
     path.write_text(json.dumps(document(**changes)))
     with pytest.raises(InputError, match=said) as refusal:
-        read_marker_layout(path)
+        read_document(path, MarkerLayout)
     assert "markers.json" in str(refusal.value)
 
 

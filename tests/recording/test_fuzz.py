@@ -16,10 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from fuzz import recording_outcome
 from spoil_recording import spoil
 
-from anchorpose.calibration.marker_layout import read_marker_layout
+from anchorpose.calibration.marker_layout import MarkerLayout
 from anchorpose.errors import InputError
 from anchorpose.recording.depth_image import read_depth_image
-from anchorpose.recording.document import load_config
+from anchorpose.recording.document import load_config, read_document
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import read_calibration
 from anchorpose.results.corrections import read_corrections
@@ -99,7 +99,7 @@ def _calibration(pose: list[list[float]]) -> dict[str, Any]:
 
 
 DOCUMENTS = {
-    "markers": (_marker_layout, read_marker_layout),
+    "markers": (_marker_layout, lambda path: read_document(path, MarkerLayout)),
     "corrections": (_corrections, read_corrections),
     "calibration": (_calibration, read_calibration),
     "settings": (lambda pose: as_json(TrackConfig()), lambda path: load_config(path, TrackConfig)),

@@ -36,7 +36,7 @@ def agreed(recording: Recording, frames: Sequence[FrameSet]) -> Calibration:
     """As ``track`` asks; the clocks are right."""
     calibration = find_world(recording, frames)
     known = (CameraClock(camera.name, Clock(), ClockSource.SURFACES) for camera in recording.cameras)
-    settled = Settled(recording, Clocks(tuple(known), None, 0), calibration, tuple(range(len(frames))), tuple(frames))
+    settled = Settled(recording, Clocks(tuple(known), None), calibration, tuple(range(len(frames))), tuple(frames))
     return agreeing_poses(recording, calibration, settled.clocks, scenes_of(settled), frames)
 
 

@@ -53,13 +53,11 @@ class PoseRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorResidual:
     """The fit of the floor plane to one camera's readings: the camera's name, the root-mean-square distance of floor
-    readings from the plane, the share of all readings that lie on the plane, the angle between the plane's normal and Y
-    of the world.
+    readings from the plane, the angle between the plane's normal and Y of the world.
     """
 
     camera: str
     residual_m: float
-    inlier_share: float
     tilt_rad: float
 
 

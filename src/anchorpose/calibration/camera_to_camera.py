@@ -23,6 +23,7 @@ from anchorpose.calibration.first_frames import FloorPlane, NoFloor
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import FrameSet, Recording, depths_of, pair_frames
+from anchorpose.rotations import rigid, rotation_about_y
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
@@ -213,7 +214,7 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
             shift = [(k if k < size // 2 else k - size) * CELL_M for k in (int(row), int(column))]
             found.append((float(score[row, column]), float(turn), shift[0], shift[1]))
             _erase(score, int(row), int(column))
-    return [_placement(*place[1:]) for place in _distinct(found)]
+    return [rigid(rotation_about_y(turn), np.array([x_m, 0.0, z_m])) for _, turn, x_m, z_m in _distinct(found)]
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
@@ -236,25 +237,13 @@ def _deeper(points_level_m: np.ndarray) -> np.ndarray:
 def _map(points_level_m: np.ndarray, turn: float) -> np.ndarray:
     cells = int(2 * REACH_M / CELL_M)
     points = points_level_m[(points_level_m[:, 1] > LOW_M) & (points_level_m[:, 1] < HIGH_M)]
-    ground = points[:, [0, 2]] @ _turn(turn).T
+    ground = points[:, [0, 2]] @ rotation_about_y(turn)[np.ix_([0, 2], [0, 2])].T
     cell = np.floor((ground + REACH_M) / CELL_M).astype(np.int64)
     cell = cell[((cell >= 0) & (cell < cells)).all(axis=1)]
     mass = np.bincount(cell[:, 0] * cells + cell[:, 1], minlength=cells * cells).reshape(cells, cells)
     blurred = cv2.GaussianBlur(np.sqrt(mass.astype(np.float32)), (0, 0), BLUR_M / CELL_M)
     norm = float(np.linalg.norm(blurred))
     return blurred / norm if norm > 0 else blurred
-
-
-def _turn(angle: float) -> np.ndarray:
-    """Return the matrix (2, 2) that rotates (x, z) about Y, right-handed."""
-    return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-
-
-def _placement(turn: float, shift_x_m: float, shift_z_m: float) -> np.ndarray:
-    T_first_second = np.eye(4)
-    T_first_second[np.ix_([0, 2], [0, 2])] = _turn(turn)
-    T_first_second[[0, 2], 3] = shift_x_m, shift_z_m
-    return T_first_second
 
 
 def _erase(score: np.ndarray, row: int, column: int) -> None:

@@ -10,7 +10,7 @@ but without signals every possible lag would have to be tried on full depth fram
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Final
 
@@ -54,18 +54,13 @@ class MotionSignal:
 @dataclass(frozen=True, slots=True)
 class SignalLag:
     """A lag between two clocks, estimated from their cameras' signals of motion. lag_s: the second clock minus the
-    first at the same moment; peak: correlation at this lag; second: highest correlation at a lag that belongs to
-    another peak.
+    first at the same moment; peak: correlation at this lag; is_certain: whether the peak stands out enough from all
+    other peaks for its lag to be accepted without a check by surfaces.
     """
 
     lag_s: float
     peak: float
-    second: float
-
-    @property
-    def is_certain(self) -> bool:
-        """Return whether the peak stands out enough for its lag to be accepted without a check by surfaces."""
-        return self.peak >= max(LEAST_PEAK, CERTAIN_LEAD * self.second)
+    is_certain: bool
 
 
 def motion_signal(
@@ -111,7 +106,9 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
         left[np.abs(shifts - shifts[peaks[-1]]) * step_s <= PEAKS_APART_S] = -np.inf
     best = [float(score[peak]) for peak in peaks]
     lags = [float(start_s + (shifts[peak] + _vertex(score, peak)) * step_s) for peak in peaks]
-    return tuple(SignalLag(lag, best[k], max(best[:k] + best[k + 1 :], default=0.0)) for k, lag in enumerate(lags))
+    others = [max(best[:k] + best[k + 1 :], default=0.0) for k in range(len(best))]
+    certain = [peak >= max(LEAST_PEAK, CERTAIN_LEAD * other) for peak, other in zip(best, others, strict=True)]
+    return tuple(SignalLag(*found) for found in zip(lags, best, certain, strict=True))
 
 
 def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> np.ndarray:
@@ -149,7 +146,6 @@ def _vertex(score: np.ndarray, best: int) -> float:
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-FRAMES_KEPT: Final = 300  # maximum number of frames in memory; for a Kinect v2, these take 260 MB
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
 # s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
@@ -169,41 +165,6 @@ APART_S: Final = 0.2  # s, time between the two frames whose difference is the a
 # m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
 # value, since it shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
-
-
-@dataclass(slots=True, eq=False)
-class FrameCache:
-    """A reader of depth frames on demand. It counts the frames read, and keeps the latest of them in memory, since
-    windows of a short recording overlap.
-    """
-
-    source: RecordedFrames
-    read_count: int = 0
-    kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        return self.source.cameras
-
-    @property
-    def times_s(self) -> tuple[np.ndarray, ...]:
-        return self.source.times_s
-
-    def read(self, camera: int, position: int) -> np.ndarray | None:
-        """Return a depth frame (height, width) float32 in metres; None if it is unusable."""
-        if (camera, position) not in self.kept:
-            self.read_count += 1
-            if len(self.kept) >= FRAMES_KEPT:
-                del self.kept[next(iter(self.kept))]
-            self.kept[camera, position] = self.source.read(camera, position)
-        return self.kept[camera, position]
-
-    def between(self, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-        """Return (time, depth) of the usable frames of a camera between two times of its clock."""
-        times_s = self.times_s[camera]
-        first, last = np.searchsorted(times_s, [begin_s, end_s])
-        found = ((float(times_s[k]), self.read(camera, k)) for k in range(first, last))
-        return [(time_s, depth) for time_s, depth in found if depth is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +195,7 @@ class RoughLag:
 REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to itself
 
 
-def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
+def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
     """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and the
     amount of this movement (m^3).
 
@@ -250,7 +211,7 @@ def busiest_times(frames: FrameCache, span_s: tuple[float, float], windows: int)
     return found
 
 
-def _motion(frames: FrameCache, time_s: float) -> float:
+def _motion(frames: RecordedFrames, time_s: float) -> float:
     """Return the amount of movement (m^3) between two frames of the reference camera: the sum of area times change of
     depth; -1 if a frame is missing.
     """
@@ -270,7 +231,7 @@ def _motion(frames: FrameCache, time_s: float) -> float:
 
 
 def rough_lags(
-    frames: FrameCache, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
+    frames: RecordedFrames, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
     decide among the camera's best lags. If a certain lag contradicts the time stamps, surfaces decide between this lag
@@ -278,7 +239,8 @@ def rough_lags(
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
-    possible = [_from_stamps(frames, camera) for camera in range(len(levels))]
+    stamped = stamped_lags(frames)
+    possible = [[] if lag is None else [lag] for lag in stamped]
     for at_s in _blocks(frames.times_s[0], busiest_s):
         reference = _block_signal(frames, 0, at_s, BLOCK_S / 2, same[0])
         for camera in (camera for camera, found in enumerate(rough) if found is None):
@@ -287,18 +249,23 @@ def rough_lags(
             rough[camera] = found[0] if found and found[0].certain else None
             possible[camera] += found
     for camera in range(1, len(rough)):
-        certain, stamped = rough[camera], _from_stamps(frames, camera)
+        certain, by_stamps = rough[camera], stamped[camera]
         if certain is None:
             rough[camera] = _best_by_surfaces(frames, camera, possible[camera], busiest_s[:LEAST_WINDOWS])
-        elif stamped and abs(certain.lag_s) > REACH_S:
-            rough[camera] = _best_by_surfaces(frames, camera, [*stamped, certain], busiest_s[:LEAST_WINDOWS]) or certain
+        elif by_stamps is not None and abs(certain.lag_s) > REACH_S:
+            tried = [by_stamps, certain]
+            rough[camera] = _best_by_surfaces(frames, camera, tried, busiest_s[:LEAST_WINDOWS]) or certain
     return rough
 
 
-def stamped_lags(frames: FrameCache) -> list[RoughLag | None]:
-    """Return a lag of zero for each camera whose time stamps may be on the first camera's clock, else None."""
-    stamped = [_from_stamps(frames, camera) for camera in range(1, len(frames.cameras))]
-    return [REFERENCE, *(found[0] if found else None for found in stamped)]
+def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
+    """Return a lag of zero for each camera whose time stamps may count from the epoch of the first camera's clock, else
+    None.
+    """
+    reference_s = frames.times_s[0]
+    zero = RoughLag(0.0, float(reference_s[len(reference_s) // 2]))
+    nearest_s = [_guesses(reference_s, other_s)[0][0] for other_s in frames.times_s[1:]]
+    return [REFERENCE, *(zero if around_s == 0.0 else None for around_s in nearest_s)]
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
@@ -309,13 +276,6 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
     inside = [float(np.clip(at_s, low, high)) for at_s in busiest_s]
     apart = [at_s for k, at_s in enumerate(inside) if all(abs(at_s - other) > BLOCK_S / 2 for other in inside[:k])]
     return apart[:BLOCKS]
-
-
-def _from_stamps(frames: FrameCache, camera: int) -> list[RoughLag]:
-    """Return the lag 0 if the camera's time stamps may count from the reference clock's epoch, else no lag."""
-    around_s, _ = _guesses(frames.times_s[0], frames.times_s[camera])[0]
-    at_s = float(frames.times_s[0][len(frames.times_s[0]) // 2])
-    return [RoughLag(0.0, at_s)] if around_s == 0.0 else []
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
@@ -329,7 +289,7 @@ def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, 
 
 
 def _best_lags(
-    frames: FrameCache, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
+    frames: RecordedFrames, camera: int, at_s: float, reference: MotionSignal, level: FloorPlane | None
 ) -> list[SignalLag]:
     """Return the best lags around each lag of ``_guesses``, the best first."""
     found: list[SignalLag] = []
@@ -342,17 +302,27 @@ def _best_lags(
 
 
 def _block_signal(
-    frames: FrameCache, camera: int, at_s: float, half_s: float, level: FloorPlane | None
+    frames: RecordedFrames, camera: int, at_s: float, half_s: float, level: FloorPlane | None
 ) -> MotionSignal:
-    block = frames.between(camera, at_s - half_s, at_s + half_s)
+    block = _between(frames, camera, at_s - half_s, at_s + half_s)
     if len(block) < 3:
         return MotionSignal(np.empty(0), np.empty((0, 1)))
     noise = noise_per_m([block[0][1], block[-1][1]])
     return motion_signal(block, frames.cameras[camera], level, noise)
 
 
+def _between(frames: RecordedFrames, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
+    """Return (time, depth) of the usable frames of a camera between two times of its clock. The windows of a short
+    recording overlap, so a frame may be needed more than once.
+    """
+    times_s = frames.times_s[camera]
+    first, last = np.searchsorted(times_s, [begin_s, end_s])
+    found = ((float(times_s[k]), frames.read(camera, k)) for k in range(first, last))
+    return [(time_s, depth) for time_s, depth in found if depth is not None]
+
+
 def _best_by_surfaces(
-    frames: FrameCache, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
+    frames: RecordedFrames, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
     """Return the lag at which this camera's surfaces fit the reference camera's best; None if no lag can be tested."""
     best, least_m = None, np.inf
@@ -370,7 +340,7 @@ def _best_by_surfaces(
     return best
 
 
-def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
+def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
     """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
     relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be lost.
     """
@@ -391,12 +361,12 @@ def fine_lags(frames: FrameCache, rough: Sequence[RoughLag | None], times_s: Seq
     return lags
 
 
-def _clip(frames: FrameCache, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
+def _clip(frames: RecordedFrames, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
     """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None if the
     camera has too few frames, no rough lag or no pose.
     """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None
     half_s = WINDOW_S / 2 + rough.reach_s
-    window = frames.between(camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
+    window = _between(frames, camera, at_s + rough.lag_s - half_s, at_s + rough.lag_s + half_s)
     return make_clip(frames.cameras[camera], window) if len(window) >= LEAST_FRAMES else None

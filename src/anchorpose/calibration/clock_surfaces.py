@@ -15,12 +15,11 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_weights, points_with_normals
+from anchorpose.calibration.common_view import NORMAL_PX, SurfaceGates, huber_weights, points_with_normals, smoothed
 from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
-SMOOTH_PX: Final = 3  # pixels, side of the smoothing window; a limb is ten pixels wide
 OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels; they do not show a limb
 # number of frames from which a pixel's noise is computed, by a median; the noise then has an error of a quarter
 NOISE_FRAMES: Final = 16
@@ -64,19 +63,18 @@ class Clip:
 @dataclass(frozen=True, slots=True)
 class SurfaceLag:
     """A lag between two clocks, measured from surfaces that both cameras see. lag_s: the second clock minus the first
-    at the same moment; sigma_s: its standard error; points: number of residuals; misfit_m: root mean square of all
-    residuals at this lag, where residuals above ``SAME_SURFACE_M`` count as this value.
+    at the same moment; sigma_s: its standard error; misfit_m: root mean square of all residuals at this lag, where
+    residuals above ``SAME_SURFACE_M`` count as this value.
     """
 
     lag_s: float
     sigma_s: float
-    points: int
     misfit_m: float
 
 
 def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Clip:
     """Make a clip from frames (time, depth (height, width) float32, 0 = no reading); the camera has a pose."""
-    depths = np.stack([_smoothed(depth) for _, depth in frames])
+    depths = np.stack([smoothed(depth, SAME_SURFACE_M, depth) for _, depth in frames])
     noise = _noise_over_time(depths)
     low, high = _range_over_time(depths)
     found = [_points(depth, _moving(depth, low, high, noise), camera) for depth in depths]
@@ -112,7 +110,7 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
         if abs(step) < SETTLED_S:
             sigma_s = float(np.sqrt(sum((pull**2).sum() for _, pull, _ in sides))) / weight
             misfit_m = float(np.sqrt(_truncated_misfit(there, back, lag_s)))
-            return SurfaceLag(lag_s, sigma_s, points, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
+            return SurfaceLag(lag_s, sigma_s, misfit_m) if abs(lag_s - around_s) <= reach_s + step_s else None
     return None
 
 
@@ -128,14 +126,6 @@ class _LookUp:
     pixel: np.ndarray
     depth_m: np.ndarray
     period_s: float
-
-
-def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """Return the mean depth of each pixel's neighbourhood if it lies on one surface, else the pixel's reading."""
-    window = np.ones((SMOOTH_PX, SMOOTH_PX), np.uint8)
-    nearest = cv2.erode(depth_m, window)
-    one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SAME_SURFACE_M)
-    return np.where(one, cv2.blur(depth_m, (SMOOTH_PX, SMOOTH_PX)), depth_m)
 
 
 def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:

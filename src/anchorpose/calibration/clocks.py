@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from anchorpose.calibration.clock_lags import (
     DRIFT_SIGMA,
@@ -20,7 +21,6 @@ from anchorpose.calibration.clock_lags import (
     LEAST_WINDOWS,
     REACH_S,
     WINDOW_S,
-    FrameCache,
     PairLag,
     RoughLag,
     busiest_times,
@@ -107,12 +107,10 @@ def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarr
 
 def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     """Return (cameras,) bool: cameras linked to the first by lags, directly or through other cameras."""
-    reached = np.arange(cameras) == 0
-    for _ in range(cameras):
-        for lag in lags:
-            if reached[lag.first] or reached[lag.second]:
-                reached[[lag.first, lag.second]] = True
-    return reached
+    linked = np.zeros((cameras, cameras))
+    linked[[lag.first for lag in lags], [lag.second for lag in lags]] = 1
+    group: np.ndarray = connected_components(linked, directed=False)[1]
+    return group == group[0]
 
 
 WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
@@ -180,12 +178,11 @@ class CameraClock:
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
     """All cameras' clocks, the reference camera's first; residual_s: root-mean-square difference between the measured
-    lags and the lags by these clocks, None without lags; frames_read: number of depth frames read for the estimate.
+    lags and the lags by these clocks, None without lags.
     """
 
     cameras: tuple[CameraClock, ...]
     residual_s: float | None
-    frames_read: int
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
@@ -209,7 +206,7 @@ def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: Clock
 def clocks_of_results(cameras: Sequence[Camera], known: Mapping[str, Clock]) -> Clocks:
     """Return the clocks that an earlier run of this recording found; known: these clocks by camera name."""
     others = (CameraClock(camera.name, known[camera.name], ClockSource.RESULTS) for camera in cameras[1:])
-    return Clocks((_reference(cameras), *others), None, 0)
+    return Clocks((_reference(cameras), *others), None)
 
 
 def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
@@ -228,19 +225,18 @@ def _level(frames: RecordedFrames, index: int) -> FloorPlane | None:
     return plane if isinstance(plane, FloorPlane) else None
 
 
-def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
+def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None], config: ClockConfig) -> Clocks:
     """Estimate the offset and drift of every camera's clock against the first camera's clock.
 
     levels: one per camera, as ``motion_signal`` needs it: the plane Y = 0 of the world for cameras with a pose, the
     floor for other cameras. If the motion does not suffice to estimate a clock, the clock is kept, and its ``doubt``
     states why.
     """
-    count = len(source.cameras)
+    count = len(frames.cameras)
     if count == 1 or not config.estimate:
-        return _kept(source.cameras, NoClock.SWITCHED_OFF)
-    if min(len(times_s) for times_s in source.times_s) < LEAST_FRAMES:
-        return _kept(source.cameras, NoClock.FEW_FRAMES)
-    frames = FrameCache(source)
+        return _kept(frames.cameras, NoClock.SWITCHED_OFF)
+    if min(len(times_s) for times_s in frames.times_s) < LEAST_FRAMES:
+        return _kept(frames.cameras, NoClock.FEW_FRAMES)
     span_s = (float(frames.times_s[0][0]), float(frames.times_s[0][-1]))
     windows = int(np.clip((span_s[1] - span_s[0]) / WINDOW_S, 1, WINDOWS))
     busy = busiest_times(frames, span_s, windows)
@@ -257,10 +253,8 @@ def estimate_clocks(source: RecordedFrames, levels: Sequence[FloorPlane | None],
         if _agreeing(others, count) >= _agreeing(lags, count):
             rough, lags = by_signals, others
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
-    corrected = (_camera_clock(k, source.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
-    return Clocks(
-        (_reference(source.cameras), *corrected), fit.residual_s if fit is not None else None, frames.read_count
-    )
+    corrected = (_camera_clock(k, frames.cameras[k].name, rough[k], fit, span_s) for k in range(1, count))
+    return Clocks((_reference(frames.cameras), *corrected), fit.residual_s if fit is not None else None)
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
@@ -292,7 +286,7 @@ def _agree(fit: ClockFit, lags: Sequence[PairLag]) -> bool:
 
 
 def _fit(
-    frames: FrameCache,
+    frames: RecordedFrames,
     rough: Sequence[RoughLag | None],
     lags: Sequence[PairLag],
     left_s: Sequence[float],
@@ -314,7 +308,7 @@ def _fit(
 
 def _kept(cameras: Sequence[Camera], doubt: NoClock) -> Clocks:
     kept = [CameraClock(camera.name, Clock(), ClockSource.KEPT, doubt=doubt) for camera in cameras[1:]]
-    return Clocks((_reference(cameras), *kept), None, 0)
+    return Clocks((_reference(cameras), *kept), None)
 
 
 def _reference(cameras: Sequence[Camera]) -> CameraClock:

@@ -58,7 +58,7 @@ class LevelView:
     """One camera's view in a frame that stands on the floor.
 
     T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
-    depth frames (height, width) at the moments that all cameras share; smooth_m: the same after ``_smoothed``; people
+    depth frames (height, width) at the moments that all cameras share; smooth_m: the same after ``smoothed``; people
     (height, width) bool, one per frame: pixels of people, with a rim; seen: surface points, one entry per frame.
     """
 
@@ -102,7 +102,7 @@ def level_view(
     """Prepare the view of one camera; depths_m: one or more frames (height, width) float32, 0 = no reading."""
     stack = np.stack(depths_m)
     room = background_m if background_m is not None else np.quantile(stack, 0.9, axis=0).astype(np.float32)
-    smooth = tuple(_smoothed(depth) for depth in depths_m)
+    smooth = tuple(smoothed(depth, SURFACE_STEP_M, np.float32(0.0)) for depth in depths_m)
     seen = tuple(_surface_points(camera, depth, room, step_px) for depth in smooth)
     people = tuple(_people(depth, room) for depth in depths_m)
     return LevelView(camera, level_frame(floor), tuple(depths_m), smooth, people, seen)
@@ -118,12 +118,14 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
     return rigid(np.stack([forward, floor.up, np.cross(forward, floor.up)]), np.array([0.0, floor.height_m, 0.0]))
 
 
-def _smoothed(depth_m: np.ndarray) -> np.ndarray:
-    """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, else 0."""
+def smoothed(depth_m: np.ndarray, step_m: float, otherwise: np.ndarray | np.float32) -> np.ndarray:
+    """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, with depth differences
+    below ``step_m``; else the value of ``otherwise``. A limb is ten pixels wide.
+    """
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
-    one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < SURFACE_STEP_M)
-    return np.where(one, cv2.blur(depth_m, (3, 3)), np.float32(0.0)).astype(np.float32)
+    one = (nearest > 0) & (cv2.dilate(depth_m, window) - nearest < step_m)
+    return np.where(one, cv2.blur(depth_m, (3, 3)), otherwise)
 
 
 def _people(depth_m: np.ndarray, room_m: np.ndarray) -> np.ndarray:

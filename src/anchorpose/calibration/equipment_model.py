@@ -10,7 +10,7 @@ import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
-from anchorpose.rotations import rigid
+from anchorpose.rotations import rigid, rotation_about_y
 
 MARGIN_PX: Final = 6  # pixels, rim around the equipment that is rendered too, so that readings there are compared
 SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
@@ -315,9 +315,3 @@ def _turn_about(centre_m: np.ndarray, angle_rad: float) -> np.ndarray:
     """Return the rotation (4, 4) about the vertical (Y) through a point."""
     turn = rotation_about_y(angle_rad)
     return rigid(turn, centre_m - turn @ centre_m)
-
-
-def rotation_about_y(angle_rad: float) -> np.ndarray:
-    """Return the right-handed rotation (3, 3) about Y."""
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])

@@ -4,6 +4,7 @@ equipment model alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -11,7 +12,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from anchorpose.calibration.equipment_model import SAME_M, Equipment, Rendering
+from anchorpose.calibration.equipment_model import SAME_M, Equipment
 from anchorpose.calibration.equipment_refine import (
     FINE,
     STEADY_ERROR_M,
@@ -20,6 +21,7 @@ from anchorpose.calibration.equipment_refine import (
     Prediction,
     Refined,
     StillView,
+    incidence,
     observed_edges,
     part_shifts,
     predict,
@@ -103,18 +105,18 @@ class PartEvidence:
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
-def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
+def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence | None:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
     counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background.
+    pixels of a bar often read the background. The result is None if the equipment is outside the depth image.
     """
-    parts = equipment.caster.part_count
     prediction = predict(view.camera, equipment, fit.T_camera_model)
     if prediction is None:
-        nothing = np.zeros(parts)
-        return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
-    rendering = prediction.rendering
-    row, column = _facing(view, rendering)
+        return None
+    rendering, parts = prediction.rendering, equipment.caster.part_count
+    row, column = np.nonzero(rendering.part >= 0)
+    facing = incidence(view.camera, rendering, row, column)[2] > LEAST_COSINE
+    row, column = row[facing], column[facing]
     depth = rendering.depth_m[row, column].astype(np.float64)
     readings = view.frames_m[:, *rendering.window][:, row, column]
     gate = tolerance_m + NOISE_GATE * view.noise_per_m * depth**2
@@ -139,19 +141,10 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         hidden_m2=total(hidden),
         unread_m2=total((free == 0) & ~hidden),
         pixels=np.bincount(part[~hidden], minlength=parts),
-        shift_m=part_shifts(view, equipment, fit),
+        shift_m=part_shifts(view, prediction, fit.edge_bias_px, parts),
         filled_share=filled,
         outlined_share=outlined,
     )
-
-
-def _facing(view: StillView, rendering: Rendering) -> tuple[np.ndarray, np.ndarray]:
-    """Return the row and column (n,), in the rendering, of each pixel whose surface is not seen at a flat angle."""
-    row, column = np.nonzero(rendering.part >= 0)
-    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
-    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    facing = np.abs(np.sum(rendering.normal[row, column] * ahead, axis=1)) / np.linalg.norm(ahead, axis=1)
-    return row[facing > LEAST_COSINE], column[facing > LEAST_COSINE]
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
@@ -167,42 +160,31 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
     return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)
 
 
-def judge(fit: Refined, evidence: PartEvidence) -> tuple[NoPose | None, int | None]:
-    """Return why the pose is rejected (None if it is accepted). Also return the index of the equipment's part that
-    causes the rejection, or None.
-    """
+def judge(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
+    """Return why the pose is rejected; None if it is accepted. names: one per part of the equipment."""
+    evidence = pose.evidence
     if evidence.seen_share < LEAST_SEEN:
-        return NoPose.LITTLE_SEEN, None
+        return NoEquipmentPose(NoPose.LITTLE_SEEN)
     if evidence.filled_share > MOST_FILLED:
-        return NoPose.FILLED, None
+        return NoEquipmentPose(NoPose.FILLED)
     enough = evidence.pixels >= LEAST_PIXELS_OF_PART
     through = evidence.through_m2 / np.maximum(evidence.on_m2 + evidence.through_m2, 1e-9)
     missing = np.flatnonzero(enough & (through > MOST_THROUGH_OF_PART))
     if len(missing):
-        return NoPose.PART_MISSING, int(missing[np.argmax(evidence.through_m2[missing])])
+        return NoEquipmentPose(NoPose.PART_MISSING, names[missing[np.argmax(evidence.through_m2[missing])]])
     unread_share = evidence.unread_m2 / np.maximum(evidence.on_m2 + evidence.through_m2 + evidence.unread_m2, 1e-9)
     unread = np.flatnonzero(enough & (unread_share > MOST_UNREAD_OF_PART))
     if len(unread):
-        return NoPose.PART_UNREAD, int(unread[np.argmax(evidence.unread_m2[unread])])
+        return NoEquipmentPose(NoPose.PART_UNREAD, names[unread[np.argmax(evidence.unread_m2[unread])]])
     if evidence.through_share > MOST_THROUGH:
-        return NoPose.SEEN_THROUGH, None
+        return NoEquipmentPose(NoPose.SEEN_THROUGH)
     shift = np.nan_to_num(evidence.shift_m)
     if shift.max(initial=0.0) > SAME_M:
-        return NoPose.PART_ELSEWHERE, int(shift.argmax())
+        return NoEquipmentPose(NoPose.PART_ELSEWHERE, names[shift.argmax()])
     if evidence.outlined_share < LEAST_OUTLINED:
-        return NoPose.OUTLINE, None
-    turn, place = sigma_of(fit)
-    return (NoPose.UNSURE if turn > MOST_SIGMA_RAD or place > MOST_SIGMA_M else None), None
-
-
-def sigma_of(fit: Refined) -> tuple[float, float]:
-    """Return the standard deviations of the angle (rad) and of the position of the equipment's centre (m), each in its
-    worst direction.
-
-    The systematic error of a camera is added, since it does not become smaller with more pixels.
-    """
-    turn, place = (np.linalg.eigvalsh(block)[-1] for block in (fit.covariance[:3, :3], fit.covariance[3:, 3:]))
-    return float(np.hypot(np.sqrt(turn), STEADY_RAD)), float(np.hypot(np.sqrt(place), STEADY_ERROR_M))
+        return NoEquipmentPose(NoPose.OUTLINE)
+    unsure = pose.sigma_rad > MOST_SIGMA_RAD or pose.sigma_m > MOST_SIGMA_M
+    return NoEquipmentPose(NoPose.UNSURE) if unsure else None
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
@@ -224,6 +206,8 @@ class EquipmentPoseConfig:
 class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
+
+    Both sigmas include the systematic error of a camera, since it does not become smaller with more pixels.
     """
 
     fit: Refined
@@ -237,11 +221,13 @@ class EquipmentPose:
 
     @property
     def sigma_rad(self) -> float:
-        return sigma_of(self.fit)[0]
+        """Return the standard deviation of the angle, in its worst direction."""
+        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[:3, :3])[-1]), STEADY_RAD))
 
     @property
     def sigma_m(self) -> float:
-        return sigma_of(self.fit)[1]
+        """Return the standard deviation of the position of the equipment's centre, in its worst direction."""
+        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[3:, 3:])[-1]), STEADY_ERROR_M))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -268,7 +254,7 @@ def find_equipment(
     for floor_m in _floor_heights(equipment):
         fits += _fits(view, equipment, floor_m, config)
     fits.sort(key=lambda pose: -pose.evidence.score_m2)
-    good = [pose for pose in fits if judge(pose.fit, pose.evidence)[0] is None]
+    good = [pose for pose in fits if judge(pose, equipment.names) is None]
     if not good or good[0].evidence.score_m2 < LEAST_LEAD * fits[0].evidence.score_m2:
         return _reason(fits, equipment)
     rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > RIVAL * good[0].evidence.score_m2]
@@ -284,15 +270,15 @@ def refit(
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
-    why, part = judge(pose.fit, pose.evidence)
-    return pose if why is None else NoEquipmentPose(why, None if part is None else equipment.names[part])
+    return judge(pose, equipment.names) or pose
 
 
 def _refined(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | None:
     fit = refine(view, equipment, start, prior)
-    return None if fit is None else EquipmentPose(fit, gather_evidence(view, equipment, fit, config.tolerance_m))
+    evidence = None if fit is None else gather_evidence(view, equipment, fit, config.tolerance_m)
+    return None if fit is None or evidence is None else EquipmentPose(fit, evidence)
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
@@ -322,10 +308,8 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
-    why, part = judge(likely.fit, likely.evidence)
-    if why == NoPose.FILLED:
-        return NoEquipmentPose(NoPose.NOT_SEEN)
-    return NoEquipmentPose(why or NoPose.AMBIGUOUS, None if part is None else equipment.names[part])
+    found = judge(likely, equipment.names) or NoEquipmentPose(NoPose.AMBIGUOUS)
+    return NoEquipmentPose(NoPose.NOT_SEEN) if found.why is NoPose.FILLED else found
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:

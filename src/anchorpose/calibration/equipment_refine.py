@@ -44,16 +44,19 @@ class Gate(NamedTuple):
 class StillView:
     """The evidence from one camera.
 
-    still_m (height, width) float32: the still surface, 0 = unknown; frames_m (n, height, width) float32, 0 = no
-    reading: the depth frames from which the still surface was made; if a frame of the empty room is given, only this
-    frame.
+    frames_m (n, height, width) float32, 0 = no reading: the depth frames; if a frame of the empty room is given, only
+    this frame.
     """
 
     camera: Camera
-    still_m: np.ndarray
     frames_m: np.ndarray
     noise_per_m: float
     floor: FloorPlane
+
+    @property
+    def still_m(self) -> np.ndarray:
+        """Return the still surface (height, width) float32 in the frames, 0 = unknown."""
+        return what_stays(self.frames_m, self.noise_per_m)
 
     @property
     def range_m(self) -> float:
@@ -64,9 +67,9 @@ class StillView:
 def see_still(
     camera: Camera, frames_m: Sequence[np.ndarray], background_m: np.ndarray | None, noise: float, floor: FloorPlane
 ) -> StillView:
-    """Return the evidence from the image of the empty room if given, else from the still surfaces of the frames."""
+    """Return the evidence from the image of the empty room if given, else from the frames."""
     stack = np.stack(frames_m if background_m is None else [background_m]).astype(np.float32)
-    return StillView(camera, what_stays(stack, noise), stack, noise, floor)
+    return StillView(camera, stack, noise, floor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,10 +128,7 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
     behind = readings > depth + gate
     count = on.sum(axis=0)
     normal = rendering.normal[row, column]
-    rays = view.camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
-    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    slant = np.sum(normal * ahead, axis=1)
-    cosine = np.abs(slant) / np.linalg.norm(ahead, axis=1)
+    ahead, slant, cosine = incidence(view.camera, rendering, row, column)
     used = (count > behind.sum(axis=0)) & (cosine > LEAST_COSINE)
     mean = np.where(on, readings, 0.0).sum(axis=0)[used] / count[used]
     depth, normal, ahead, slant = depth[used], normal[used], ahead[used], slant[used]
@@ -139,6 +139,18 @@ def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) ->
     jacobian = np.concatenate([turn, normal, np.zeros((len(point), 1))], axis=1) / sigma[:, None]
     residual, part = (mean - depth) * slant / sigma, rendering.part[row, column][used]
     return Rows(jacobian, residual, part, SURFACE_ROWS_PER_OBSERVATION, 2.0 * ROBUST)
+
+
+def incidence(
+    camera: Camera, rendering: Rendering, row: np.ndarray, column: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return, for pixels (n,) of a rendering: the vector (n, 3) along the ray with a depth of one metre, its product
+    (n,) with the surface's normal, and the cosine (n,) of the angle of incidence.
+    """
+    rays = camera.pixel_rays()[row + rendering.top, column + rendering.left].astype(np.float64)
+    ahead = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    slant = np.sum(rendering.normal[row, column] * ahead, axis=1)
+    return ahead, slant, np.abs(slant) / np.linalg.norm(ahead, axis=1)
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
@@ -281,17 +293,15 @@ def refine(view: StillView, equipment: Equipment, start: np.ndarray, prior: Floo
     )
 
 
-def part_shifts(view: StillView, equipment: Equipment, fit: Refined) -> np.ndarray:
+def part_shifts(view: StillView, prediction: Prediction, bias_px: float, count: int) -> np.ndarray:
     """Return the length (parts,), in metres, of the shift after which each part alone would fit best; NaN if
     inaccurate. Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along
     itself is invisible.
+
+    bias_px: see ``Refined.edge_bias_px``; count: number of parts.
     """
-    count = equipment.caster.part_count
-    prediction = predict(view.camera, equipment, fit.T_camera_model)
-    if prediction is None:
-        return np.full(count, np.nan)
     surface = surface_rows(view, prediction, COARSE.tolerance_m)
-    rows = [surface, outline_rows(view, prediction, fit.edge_bias_px, COARSE)]
+    rows = [surface, outline_rows(view, prediction, bias_px, COARSE)]
     return np.array([_shift_alone(rows, part) for part in range(count)])
 
 

@@ -8,12 +8,12 @@ import numba as nb
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from anchorpose.calibration.equipment_model import EquipmentSamples, rotation_about_y
+from anchorpose.calibration.equipment_model import EquipmentSamples
 from anchorpose.calibration.equipment_refine import StillView
 from anchorpose.calibration.first_frames import NOISE_GATE, FloorPlane
 from anchorpose.camera import Camera
 from anchorpose.lens import lens_array, pixel_of_ray
-from anchorpose.rotations import rigid
+from anchorpose.rotations import rigid, rotation_about_y
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
@@ -329,7 +329,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     sums = np.empty((len(yaws), counts[1], counts[2]), np.float32)
     level = surface[:, [0, 2]] - samples.centre_m[[0, 2]]
     for number, yaw in enumerate(yaws):
-        turned = level @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        turned = level @ rotation_about_y(-yaw)[np.ix_([0, 2], [0, 2])]
         cells = np.rint(np.stack([heights - CELL_M / 2, turned[:, 0], turned[:, 1]], axis=1) / CELL_M).astype(np.int64)
         unique, weight = np.unique(np.maximum(cells, [0, -(10**6), -(10**6)]), axis=0, return_counts=True)
         sums[number] = correlate(value, unique, weight.astype(np.float32))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -53,12 +54,11 @@ LEAST_PIXELS: Final = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moved:
-    """A movement of the equipment. first: index of the first frame that shows it elsewhere; T_camera_model: its new
-    pose, None if not found; shift_m, turn_rad: size of the movement, None if the new pose was not found.
+    """A movement of the equipment. first: index of the first frame that shows it elsewhere; shift_m, turn_rad: size of
+    the movement, None if the new pose was not found.
     """
 
     first: int
-    T_camera_model: np.ndarray | None = None
     shift_m: float | None = None
     turn_rad: float | None = None
 
@@ -142,17 +142,16 @@ def notice_movement(
     count = round(LATE_SHARE * len(frames_m))
     if count < LEAST_FRAMES:
         return None
-    late = np.stack(frames_m[-count:])
-    late_view = replace(view, frames_m=late, still_m=what_stays(late, view.noise_per_m))
-    then = _Placed(view, equipment, T_camera_model, config.tolerance_m)
+    late_view = replace(view, frames_m=np.stack(frames_m[-count:]))
+    counts = partial(_pixel_counts, view, equipment, config.tolerance_m)
     now = refit(late_view, equipment, T_camera_model, prior, config)
     if not isinstance(now, EquipmentPose):
-        through = _through_share(then, late)
+        through = _through_share(counts(T_camera_model, frames_m[-count:]))
         if through < DOUBT_SHARE:
             return None
         now = find_equipment(late_view, equipment, config)
         if not isinstance(now, EquipmentPose):
-            return Moved(_first_gone(then, frames_m)) if through >= GONE_SHARE else None
+            return Moved(_first_gone(counts(T_camera_model, frames_m))) if through >= GONE_SHARE else None
     centre, T_now = equipment.samples.centre_m, _nearest_symmetric(now.fit.T_camera_model, T_camera_model, equipment)
     shift = float(np.linalg.norm(transform_points(T_now, centre) - transform_points(T_camera_model, centre)))
     turn = angle_between(T_now, T_camera_model)
@@ -160,7 +159,7 @@ def notice_movement(
     turned = turn > max(LEAST_TURN_RAD, MOVED_SIGMAS * now.sigma_rad)
     if not far and not turned:
         return None
-    return Moved(_first_elsewhere(then, replace(then, T_camera_model=T_now), frames_m), T_now, shift, turn)
+    return Moved(_first_elsewhere(counts(T_camera_model, frames_m), counts(T_now, frames_m)), shift, turn)
 
 
 def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equipment) -> np.ndarray:
@@ -169,50 +168,40 @@ def _nearest_symmetric(T_now: np.ndarray, T_before: np.ndarray, equipment: Equip
     return min(choices, key=lambda T: angle_between(T, T_before))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
-    """The equipment at one pose in one camera."""
-
-    view: StillView
-    equipment: Equipment
-    T_camera_model: np.ndarray
-    tolerance_m: float
-
-    def counts(self, frame_m: np.ndarray) -> tuple[int, int]:
-        """Return how many pixels of a frame show the equipment, and how many see through it."""
-        rendering = self.equipment.caster.render(self.view.camera, self.T_camera_model)
-        if rendering is None:
-            return 0, 0
-        expected, seen = rendering.depth_m, frame_m[rendering.window]
-        there = np.isfinite(expected) & (seen > 0)
-        gate = self.tolerance_m + NOISE_GATE * self.view.noise_per_m * np.where(there, expected, 0) ** 2
-        off = np.where(there, seen - np.where(there, expected, 0.0), np.nan)
-        return int(np.count_nonzero(np.abs(off) < gate)), int(np.count_nonzero(off > gate))
+def _pixel_counts(
+    view: StillView,
+    equipment: Equipment,
+    tolerance_m: float,
+    T_camera_model: np.ndarray,
+    frames_m: Sequence[np.ndarray],
+) -> np.ndarray:
+    """Return (n, 2) int: how many pixels of each frame show the equipment at a pose, and how many see through it."""
+    rendering = equipment.caster.render(view.camera, T_camera_model)
+    if rendering is None:
+        return np.zeros((len(frames_m), 2), dtype=np.int64)
+    seen = np.stack([frame[rendering.window] for frame in frames_m])
+    there = np.isfinite(rendering.depth_m) & (seen > 0)
+    expected = np.where(np.isfinite(rendering.depth_m), rendering.depth_m, 0)
+    gate, off = tolerance_m + NOISE_GATE * view.noise_per_m * expected**2, seen - expected
+    return np.stack([(there & mask).sum(axis=(1, 2)) for mask in (np.abs(off) < gate, off > gate)], axis=1)
 
 
-def _through_share(placed: _Placed, frames_m: np.ndarray) -> float:
-    counts = np.array([placed.counts(frame) for frame in frames_m]).sum(axis=0)
-    return float(counts[1] / counts.sum()) if counts.sum() >= LEAST_PIXELS else 0.0
+def _through_share(counts: np.ndarray) -> float:
+    on, through = counts.sum(axis=0)
+    return float(through / (on + through)) if on + through >= LEAST_PIXELS else 0.0
 
 
-def _first_gone(placed: _Placed, frames_m: Sequence[np.ndarray]) -> int:
+def _first_gone(counts: np.ndarray) -> int:
     """Return the index of the first frame after the last frame that shows the equipment in its place."""
-    for index in range(len(frames_m) - 1, -1, -1):
-        on, through = placed.counts(frames_m[index])
-        if on + through >= LEAST_PIXELS and through < GONE_SHARE * (on + through):
-            return min(index + 1, len(frames_m) - 1)
-    return 0
+    total = counts.sum(axis=1)
+    shown = np.flatnonzero((total >= LEAST_PIXELS) & (counts[:, 1] < GONE_SHARE * total))
+    return min(int(shown[-1]) + 1, len(counts) - 1) if len(shown) else 0
 
 
-def _first_elsewhere(before: _Placed, now: _Placed, frames_m: Sequence[np.ndarray]) -> int:
+def _first_elsewhere(before: np.ndarray, now: np.ndarray) -> int:
     """Return the index of the frame that best separates frames of the earlier pose from frames of the later pose."""
-    gain = []
-    for frame in frames_m:
-        on_before, through_before = before.counts(frame)
-        on_now, through_now = now.counts(frame)
-        gain.append((on_now - through_now) - (on_before - through_before))
-    later = np.append(np.cumsum(np.array(gain, dtype=np.float64)[::-1])[::-1], 0.0)
-    return int(np.argmax(later))
+    gain = (now[:, 0] - now[:, 1]) - (before[:, 0] - before[:, 1])
+    return int(np.argmax(np.append(np.cumsum(gain[::-1])[::-1], 0)))
 
 
 def world_from_equipment(
@@ -263,15 +252,14 @@ def _find_in_camera(inputs: EquipmentInputs, index: int) -> SeenEquipment:
         attempts.append((None, frames))
     elif len(frames) >= 4:
         attempts.append((None, frames[: len(frames) // 2]))
-    first: NoEquipmentPose | None = None
+    reasons = list[NoEquipmentPose]()
     for room, used in attempts:
         found = _attempt(inputs, camera, used, room)
         if not isinstance(found, NoEquipmentPose):
             return SeenEquipment(index, found[0], frames, times, found[1])
-        first = first or found
-    why = first or NoEquipmentPose(NoPose.NOT_SEEN)
-    part = f" ({why.part})" if why.part else ""
-    problem = f"camera_to_world is null for {camera.name}, and this camera {why.why.value}{part}"
+        reasons.append(found)
+    part = f" ({reasons[0].part})" if reasons[0].part else ""
+    problem = f"camera_to_world is null for {camera.name}, and this camera {reasons[0].why.value}{part}"
     raise InputError(recording.folder / "recording.json", problem, REMEDY)
 
 

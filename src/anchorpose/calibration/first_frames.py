@@ -176,18 +176,17 @@ class FloorPlane:
     """A floor plane: points p on it satisfy up @ p + height_m = 0 in the camera frame.
 
     up (3,) float64 unit normal, away from the floor; height_m: height of the camera above the floor; residual_m: root
-    mean square residual of the inliers; inlier_share: share of all readings that lie on the plane.
+    mean square residual of the inliers.
     """
 
     up: np.ndarray
     height_m: float
     residual_m: float
-    inlier_share: float
 
 
 def level_of_pose(T_world_camera: np.ndarray) -> FloorPlane:
     """Return the plane Y = 0 of the world, in the camera frame."""
-    return FloorPlane(np.asarray(T_world_camera[1, :3], np.float64), float(T_world_camera[1, 3]), 0.0, 0.0)
+    return FloorPlane(np.asarray(T_world_camera[1, :3], np.float64), float(T_world_camera[1, 3]), 0.0)
 
 
 class NoFloor(StrEnum):
@@ -348,7 +347,7 @@ def _refined(plane: np.ndarray, points_m: np.ndarray, tolerance_m: float, noise_
         scale = min(1.0, 3.0 * float(spread) / float(np.median(gate[on_it])))
         plane = fitted
     residual = float(np.sqrt(np.mean((points_m[on_it] @ plane[:3] + plane[3]) ** 2)))
-    return FloorPlane(plane[:3], float(plane[3]), residual, float(on_it.mean()))
+    return FloorPlane(plane[:3], float(plane[3]), residual)
 
 
 def _fit_plane(points_m: np.ndarray, sigma_m: np.ndarray, up: np.ndarray) -> np.ndarray | None:

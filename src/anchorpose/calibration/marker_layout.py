@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, ClassVar, Final, Literal
 
 import cv2
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from anchorpose.recording.document import Entry, Pose, Version, Whole, read_document
+from anchorpose.recording.document import Entry, Pose, Version, Whole
 from anchorpose.settings import STRICT, Unfit, nearest_key, shown
 
 SMALLEST_M: Final = 1e-3
@@ -78,8 +77,3 @@ class MarkerLayout(Entry):
         if self.tags is not None and not 0 < len(self.tags) == len({tag.number for tag in self.tags}):
             raise Unfit("is empty or names an id twice", "list every tag once; no two may have the same id", "tags")
         return self
-
-
-def read_marker_layout(path: Path) -> MarkerLayout:
-    """Read and check a markers.json; raises InputError naming the file, the key and the remedy."""
-    return read_document(path, MarkerLayout)

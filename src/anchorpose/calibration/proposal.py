@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.calibration.equipment_model import rotation_about_y
 from anchorpose.calibration.proposal_joining import extended, guessed_lengths, hollow_share, merged, on_its_feet
 from anchorpose.calibration.proposal_readings import LEAST_PIXELS, Found, Readings, Region, find_parts, gather_readings
 from anchorpose.calibration.proposal_shape import REACH_M, Fit, first_fit, refine
@@ -19,6 +18,7 @@ from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel
 from anchorpose.recording.reader import read_frame
 from anchorpose.recording.recording import Recording
+from anchorpose.rotations import rotation_about_y
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
 # rad, maximum angle by which a part's axes are turned to lie along the common directions (the vertical, and the level
@@ -121,13 +121,7 @@ def _with_cameras(recording: Recording, name: str | None) -> Recording:
     if len(kept) > 1 and unknown:
         problem = f"the pose of {', '.join(unknown)} is unknown, so the cameras' depth images cannot be combined"
         raise InputError(recording.folder / "recording.json", problem, "choose one with --camera, or calibrate first")
-    return replace(
-        recording,
-        cameras=tuple(recording.cameras[index] for index in kept),
-        streams=tuple(recording.streams[index] for index in kept),
-        backgrounds_m=tuple(recording.backgrounds_m[index] for index in kept),
-        equipment=None,
-    )
+    return replace(recording.of_cameras(kept), equipment=None)
 
 
 def propose_equipment(

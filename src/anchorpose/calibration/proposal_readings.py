@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -200,9 +200,9 @@ def find_parts(points_m: np.ndarray) -> list[Found]:
     rng = np.random.default_rng(0)
     left = np.arange(len(points_m))
     parts: list[Found] = []
-    for find in (_best_plate, _best_bar):
+    for grow, near_m in ((_plate_at, PLATE_RADIUS_M), (_bar_at, NEAR_M)):
         while len(left) >= LEAST_PIXELS and len(parts) < MOST_PARTS:
-            found = find(points_m, left, rng)
+            found = _largest(points_m, left, rng, grow, near_m)
             if found is None:
                 break
             parts.append(found)
@@ -219,21 +219,26 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
     return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
 
 
-def _best_bar(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) -> Found | None:
+_Grow = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Found | None]
+"""A function that returns the part at a place, None without a part there. Its arguments are all points, the indices of
+the points to use, the place (3,), and the points near the place.
+"""
+
+
+def _largest(
+    points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator, grow: _Grow, near_m: float
+) -> Found | None:
+    """Return the part with the most of the points ``left`` (indices), among the parts at random places."""
     points = points_m[left]
     tree = cKDTree(points)
-    best: tuple[int, np.ndarray, np.ndarray] | None = None
-    for place in points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]:
-        near = points[tree.query_ball_point(place, NEAR_M)]
-        if len(near) < LEAST_PIXELS // 2:
-            continue
-        line = _grow_line(points, place, _main_direction(near))
-        if line is not None and (best is None or line[0].sum() > best[0]):
-            best = int(line[0].sum()), *line
-    if best is None:
-        return None
-    _, chosen, axis = best
-    return _bar(points_m, left[chosen], axis)
+    places = points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]
+    found = (grow(points_m, left, place, points[tree.query_ball_point(place, near_m)]) for place in places)
+    return max((part for part in found if part is not None), key=lambda part: len(part.members), default=None)
+
+
+def _bar_at(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, nearby_m: np.ndarray) -> Found | None:
+    line = _grow_line(points_m[left], place, _main_direction(nearby_m)) if len(nearby_m) >= LEAST_PIXELS // 2 else None
+    return None if line is None else _bar(points_m, left[line[0]], line[1])
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -302,21 +307,13 @@ def _found(plate: bool, points_m: np.ndarray, members: np.ndarray, rotation: np.
     return Found(plate, center, rotation, low, high, members)
 
 
-def _best_plate(points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator) -> Found | None:
-    points = points_m[left]
-    tree = cKDTree(points)
-    best: Found | None = None
-    for place in points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]:
-        near = points[tree.query_ball_point(place, PLATE_RADIUS_M)]
-        if len(near) < LEAST_PIXELS:
-            continue
-        spread, axes = np.linalg.eigh(np.cov((near - place).T))
-        if np.sqrt(spread[0]) > PLATE_FLATNESS_M or _filled(near - place, axes) < PLATE_FILLED:
-            continue
-        found = _grow_plate(points_m, left, place, axes)
-        if found is not None and (best is None or len(found.members) > len(best.members)):
-            best = found
-    return best
+def _plate_at(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, nearby_m: np.ndarray) -> Found | None:
+    if len(nearby_m) < LEAST_PIXELS:
+        return None
+    spread, axes = np.linalg.eigh(np.cov((nearby_m - place).T))
+    if np.sqrt(spread[0]) > PLATE_FLATNESS_M or _filled(nearby_m - place, axes) < PLATE_FILLED:
+        return None
+    return _grow_plate(points_m, left, place, axes)
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:

@@ -142,7 +142,7 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
         T_world_camera = camera.require_pose()
         up = T_world_camera[:3, :3] @ floor.up
         tilt = float(np.arccos(np.clip(up[1], -1.0, 1.0)))
-        residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, tilt))
+        residuals.append(FloorResidual(camera.name, floor.residual_m, tilt))
         if tilt > TILTED_RAD:
             sentence = (
                 f"the floor that camera {camera.name} sees is tilted by {np.degrees(tilt):.1f} degrees by its pose"
@@ -186,7 +186,7 @@ def _from_one_camera(
     notes, residuals = [], []
     if isinstance(floor, FloorPlane):
         up, height = floor.up, floor.height_m
-        residuals.append(FloorResidual(camera.name, floor.residual_m, floor.inlier_share, 0.0))
+        residuals.append(FloorResidual(camera.name, floor.residual_m, 0.0))
         notes.append(f"the world stands on the floor that camera {camera.name} sees, {height:.2f} m below it")
     else:
         up, height = np.array([0.0, -1.0, 0.0]), None

@@ -258,13 +258,13 @@ def _size(material: Material) -> Finding:
     usual_m = float(np.median(depths)) if depths else float("nan")
     if not NEAREST_ROOM_M <= usual_m <= FARTHEST_ROOM_M:
         return Finding("depth unit", Level.RED, f"most of what is seen is {usual_m:.2f} m away", CORRECT_UNIT)
-    tops = _heights_m(material)
+    tops, tallest = _heights_m(material)
     if not tops:
         measured = f"most of what is seen is {usual_m:.1f} m away; nobody's height could be measured"
         return Finding("depth unit", Level.GREEN, measured)
     tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    if np.median(_tallest_m(material)) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # median: a hand is seldom raised for long
+    if np.median(tallest) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # median: a hand is seldom raised for long
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
         remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, or fx and fy"
@@ -272,24 +272,16 @@ def _size(material: Material) -> Finding:
     return Finding("depth unit", Level.GREEN, measured)
 
 
-def _heights_m(material: Material) -> Sequence[float]:
-    """Return heights in m above the floor in sampled frames: of the patient where the head is in view, or of the
-    highest person if no patient was found; empty without a floor.
-    """
-    floor_m = material.floor_m
-    if floor_m is None or material.look is None:
-        return []
-    if material.patient:
-        return [one.person.top_m - floor_m for one in material.patient if not one.cut_above]
-    return _tallest_m(material)
+def _heights_m(material: Material) -> tuple[list[float], list[float]]:
+    """Return heights in m above the floor in sampled frames: first of the patient where the head is in view, or of the
+    highest person if no patient was found; then of the highest person in each frame. Both are empty without a floor.
 
-
-def _tallest_m(material: Material) -> Sequence[float]:
-    """Return the height in m above the floor of the highest person in each sampled frame; empty without a floor. The
-    search for the patient may split a person who seems too tall into pieces. The height is still correct, since the
-    highest piece counts.
+    The search for the patient may split a person who seems too tall into pieces. The height is still correct, since
+    the highest piece counts.
     """
-    if material.floor_m is None or material.look is None:
-        return []
-    shown = [sighting.people for sighting in material.look.sightings if sighting.people]
-    return [max(one.person.top_m for one in people) - material.floor_m for people in shown]
+    floor_m, look = material.floor_m, material.look
+    if floor_m is None or look is None:
+        return [], []
+    tallest = [max(one.person.top_m for one in each.people) - floor_m for each in look.sightings if each.people]
+    patient = [one.person.top_m - floor_m for one in material.patient if not one.cut_above]
+    return (patient if material.patient else tallest), tallest

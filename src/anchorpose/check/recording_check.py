@@ -27,7 +27,6 @@ from anchorpose.check.material import (
     of_cameras,
 )
 from anchorpose.isolation.background import BackgroundSource
-from anchorpose.isolation.view import View
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording import LEFT_OUT, OFF_BEAT, CameraGaps, DepthStream, find_gaps, off_beat
 from anchorpose.threads import one_thread
@@ -271,20 +270,14 @@ def _borders(seen: SeenPatient, index: int, camera: Camera, floor_m: float | Non
     """
     view = seen.views[index]
     assert view is not None
-    above, below, left, right = _touched(view)
+    patient = view.patient
+    strips = (patient[:BORDER_PX], patient[-BORDER_PX:], patient[:, :BORDER_PX].T, patient[:, -BORDER_PX:].T)
+    above, below, left, right = (int(np.count_nonzero(strip.any(axis=0))) > CUT_PX for strip in strips)
     if floor_m is not None:
         x, z = seen.person.ground_xz_m
         place = transform_points(invert_rigid(camera.require_pose()), np.array([[x, floor_m, z]]))
         pixel = camera.project(place)[0]
         below |= not pixel[1] <= camera.height - 1  # NaN (beyond the lens's valid radius) counts as below
-    return above, below, left, right
-
-
-def _touched(view: View) -> tuple[bool, bool, bool, bool]:
-    """Return whether the patient's pixels reach the image's upper, lower, left and right border."""
-    patient = view.patient
-    strips = (patient[:BORDER_PX], patient[-BORDER_PX:], patient[:, :BORDER_PX].T, patient[:, -BORDER_PX:].T)
-    above, below, left, right = (int(np.count_nonzero(strip.any(axis=0))) > CUT_PX for strip in strips)
     return above, below, left, right
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -237,14 +237,18 @@ def _three_in_a_row(read: np.ndarray) -> bool:
     return bool((read[:, :-2] & read[:, 1:-1] & read[:, 2:]).any())
 
 
+FRAMES_KEPT: Final = 300  # maximum number of frames in memory; for a Kinect v2, these take 260 MB
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder. A duplicate of the previous image is read as None, since it shows an
-    earlier moment than its time states.
+    """The depth images of a recording folder, read on demand. The latest images that were read are kept in memory. A
+    duplicate of the previous image is read as None, since it shows an earlier moment than its time states.
     """
 
     recording: Recording
     cameras: tuple[Camera, ...]  # cameras with the poses to use; the recording's cameras may lack poses
+    kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
@@ -253,7 +257,11 @@ class RecordedFrames:
 
     def read(self, camera: int, position: int) -> np.ndarray | None:
         """Read a depth image (height, width) float32 metres, 0 = no reading; None if unusable."""
-        stream = self.recording.streams[camera]
-        if stream.duplicate is not None and stream.duplicate[position]:
-            return None
-        return read_stream_image(self.recording, camera, position).depth_m
+        if (camera, position) not in self.kept:
+            if len(self.kept) >= FRAMES_KEPT:
+                del self.kept[next(iter(self.kept))]
+            duplicate = self.recording.streams[camera].duplicate
+            is_copy = duplicate is not None and duplicate[position]
+            depth_m = None if is_copy else read_stream_image(self.recording, camera, position).depth_m
+            self.kept[camera, position] = depth_m
+        return self.kept[camera, position]

@@ -172,21 +172,14 @@ def read_trials(path: Path, span: RecordedSpan) -> Trials:
     described = _read_sidecar(sidecar_of(path), head)
     first_s = _known_start(path, span)
     trials = [_trial(path, line, dict(zip(head, row, strict=True)), first_s, span.end_s) for line, row in lines[1:]]
-    numbered = list(zip([line for line, _ in lines[1:]], trials, strict=True))
-    _require_apart(path, numbered)
-    own = [name for name in head if name not in REQUIRED]
+    _require_apart(path, [(line, trial) for (line, _), trial in zip(lines[1:], trials, strict=True)])
     columns, cells = list[TrialColumn](), list[list[float | str | None]]()
-    for name in own:
-        place = head.index(name)
-        found = [(line, row[place]) for line, row in lines[1:]]
-        column = _column(path, name, [text for _, text in found], described.get(name))
-        columns.append(column)
-        cells.append([_cell(path, line, column, text) for line, text in found])
-    rows = tuple(
-        Trial(number, each.condition, each.onset_s, each.duration_s, each.start_s, tuple(column[k] for column in cells))
-        for k, (number, each) in enumerate(enumerate(trials, 1))
-    )
-    return Trials(tuple(columns), rows)
+    for place, name in enumerate(head):
+        if name not in REQUIRED:
+            columns.append(_column(path, name, [row[place] for _, row in lines[1:]], described.get(name)))
+            cells.append([_cell(path, line, columns[-1], row[place]) for line, row in lines[1:]])
+    rows = (replace(trial, number=k + 1, cells=tuple(each[k] for each in cells)) for k, trial in enumerate(trials))
+    return Trials(tuple(columns), tuple(rows))
 
 
 _HEAD_REMEDY: Final = (

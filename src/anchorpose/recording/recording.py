@@ -216,10 +216,6 @@ class Clock:
         """Return the reference times at which this clock showed ``own_s``, (n,) float64."""
         return np.asarray(self.at_s + (own_s - self.at_s - self.ahead_s) / (1.0 + self.drift))
 
-    def own_s(self, reference_s: float) -> float:
-        """Return the time that this clock shows at a reference time."""
-        return reference_s + self.ahead_s + self.drift * (reference_s - self.at_s)
-
 
 def align_clocks(recording: Recording, clocks: Sequence[Clock]) -> Recording:
     """Return ``recording`` with the times of every camera on the reference clock. clocks: one per camera."""

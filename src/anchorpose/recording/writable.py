@@ -60,9 +60,7 @@ def check_file(path: Path, mark: str, *inputs: Path | None, of_recording: bool =
 
 
 def _begins_with(path: Path, mark: str) -> bool:
-    """Return whether a file is empty or has the mark in its first bytes; False for a link."""
-    if path.is_symlink():
-        return False
+    """Return whether a file is empty or has the mark in its first bytes."""
     try:
         with open_regular(path) as file:
             beginning = file.read(BEGINNING)

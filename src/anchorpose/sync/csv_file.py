@@ -10,8 +10,8 @@ import pyarrow as pa
 from pyarrow import csv
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import require_distinct
-from anchorpose.recording.regular_file import LARGEST_TABLE, is_there, read_whole
+from anchorpose.recording.document import read_text, require_distinct
+from anchorpose.recording.regular_file import LARGEST_TABLE
 from anchorpose.sync.streams import OtherFile, Stream, checked
 
 TIME_COLUMNS: Final = ("time_s", "time", "Time")
@@ -26,28 +26,23 @@ def read_csv(path: Path, time_column: str | None = None) -> OtherFile:
 
     Empty cells, NaN, NA and n/a count as missing values. Raises InputError naming the file and the remedy.
     """
-    if not is_there(path):
-        raise InputError(path, "there is no such file", "check the path")
-    content = read_whole(path, LARGEST_TABLE, "give the right file, and check its permissions")
-    head = _head(path, content)
+    text = read_text(path, LARGEST_TABLE)
+    head = _head(path, text)
     time_name = time_column or next((name for name in TIME_COLUMNS if name in head), None)
     if time_name is None or time_name not in head:
         raise InputError(path, f"has no column {time_name or 'time_s'}", "name the column of the times with --time")
     channels = tuple(name for name in head if name != time_name)
     if not channels:
         raise InputError(path, "has no column beside its times", REMEDY)
-    table = _table(path, content, head)
+    table = _table(path, text, head)
     values = np.stack([_column(table, name) for name in channels], axis=1)
     return OtherFile(path, (checked(path, Stream("", _column(table, time_name), channels, values)),))
 
 
-def _head(path: Path, content: bytes) -> list[str]:
-    try:
-        first = content[: 1 << 20].split(b"\n", 1)[0].decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(path, "is not text in UTF-8", REMEDY) from None
+def _head(path: Path, text: str) -> list[str]:
+    first = text[: 1 << 20].split("\n", 1)[0]
     head = [name.strip().strip('"') for name in first.rstrip("\r").split(",")]
-    if not first.isprintable() and not first.rstrip("\r").replace("\t", "").isprintable():
+    if not first.rstrip("\r").replace("\t", "").isprintable():
         raise InputError(path, "is not a CSV file", REMEDY)
     if len(head) < 2 or not all(head):
         raise InputError(path, f"begins with the line {first[:40]!r}", REMEDY)
@@ -55,10 +50,10 @@ def _head(path: Path, content: bytes) -> list[str]:
     return head
 
 
-def _table(path: Path, content: bytes, head: list[str]) -> pa.Table:
+def _table(path: Path, text: str, head: list[str]) -> pa.Table:
     try:
         return csv.read_csv(
-            pa.BufferReader(content),
+            pa.BufferReader(text.encode()),
             read_options=csv.ReadOptions(column_names=head, skip_rows=1, use_threads=False),
             convert_options=csv.ConvertOptions(
                 column_types=dict.fromkeys(head, pa.float64()), null_values=MISSING, strings_can_be_null=True

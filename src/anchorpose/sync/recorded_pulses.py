@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_text
+from anchorpose.recording.document import read_rows, read_text
 from anchorpose.recording.events import MISSING
 from anchorpose.recording.regular_file import LARGEST_TABLE
 from anchorpose.results.parquet import TRACK_AGAIN
@@ -35,35 +35,30 @@ def recorded_pulses(path: Path, results: Path, joints: JointTable, column: str, 
         raise InputError(path, "is not an events.tsv", "leave out --pulse-type, or give an events.tsv")
     if path.suffix.lower() != ".csv":
         raise InputError(path, f"ends in '{path.suffix}'", EVENTS_REMEDY)
-    if read_text(path, LARGEST_TABLE).partition("\n")[0].strip() in TIME_COLUMNS:
-        return (Pulses(_times(path)),)
+    text = read_text(path, LARGEST_TABLE)
+    if text.partition("\n")[0].strip() in TIME_COLUMNS:
+        return (Pulses(np.unique([_number(path, cell) for cell in text.split()[1:]])),)
     time_s, values = read_csv(path).take((column,))
     return pulses_of_signal(time_s, values[:, 0])
-
-
-def _times(path: Path) -> np.ndarray:
-    """Read one time per line below the column's name."""
-    cells = read_text(path, LARGEST_TABLE).split()[1:]
-    return np.unique([_number(path, cell) for cell in cells])
 
 
 def _events(path: Path, kind: str | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts (p,) and the known ends (q,) in an events.tsv, of the rows with one trial_type or of all
     rows.
     """
-    lines = [line.split("\t") for line in read_text(path, LARGEST_TABLE).splitlines() if line.strip()]
-    head = [name.strip() for name in lines[0]] if lines else []
+    lines = [cells for _, cells in read_rows(path, delimiter="\t")]
+    head = lines[0] if lines else []
     if not {"onset", "trial_type"} <= set(head):
         raise InputError(path, "has no columns onset and trial_type", EVENTS_REMEDY)
     if any(len(line) != len(head) for line in lines):
         raise InputError(path, f"has lines without {len(head)} cells", "correct them")
     onset, name = head.index("onset"), head.index("trial_type")
-    chosen = [line for line in lines[1:] if kind is None or line[name].strip() == kind]
+    chosen = [line for line in lines[1:] if kind is None or line[name] == kind]
     if not chosen:
         raise InputError(path, f"has no row of the trial_type '{kind}'" if kind else "has no row", EVENTS_REMEDY)
     start_s = np.array([_number(path, line[onset]) for line in chosen])
     column = head.index("duration") if "duration" in head else None
-    cells = [MISSING if column is None else line[column].strip() or MISSING for line in chosen]
+    cells = [MISSING if column is None else line[column] or MISSING for line in chosen]
     lasts_s = np.array([0.0 if cell == MISSING else _number(path, cell) for cell in cells])
     return start_s, (start_s + lasts_s)[lasts_s > 0]  # a duration of 0 marks an event of unknown duration
 

@@ -19,13 +19,12 @@ from anchorpose.results.run_record import RUN_FILE, hash_files, read_run
 from anchorpose.results.tables import JOINTS_FILE, JointTable, read_joints
 from anchorpose.results.verify import require_own
 from anchorpose.sync.csv_file import read_csv
-from anchorpose.sync.edf_file import read_edf
+from anchorpose.sync.laboratory_files import read_edf, read_xdf
 from anchorpose.sync.limb import SEGMENTS, SMOOTHING_S, angular_velocity, one_way_sigma_s, specific_force
 from anchorpose.sync.movement import SHORT_S, find_sensor_clock
 from anchorpose.sync.pulses import MOST_PULSES, Pulses, find_pulse_clock, pulses_of_signal
 from anchorpose.sync.recorded_pulses import first_frame_s, recorded_pulses
 from anchorpose.sync.streams import OtherFile
-from anchorpose.sync.xdf_file import read_xdf
 
 MOVEMENT, PULSES, STAMPS = "movement", "pulses", "stamps"
 """The ways in which a clock can be found, as clock.json states them."""

@@ -168,7 +168,7 @@ def calibrate(
         posed = replace(recording, cameras=cameras)
         provisional = Calibration(cameras, floor_m, (), (), records)
         # clocks are not needed, since each sample already has the frames of all cameras
-        timeless = Clocks((), None, 0)
+        timeless = Clocks((), None)
         settled = Settled(posed, timeless, provisional, tuple(range(len(samples))), tuple(samples))
         return heading_of_patient(furnish_room(settled, anybody, NO_REVIEW), samples, headings, config)
 

@@ -1,4 +1,4 @@
-"""Read streams of an XDF file, as LabRecorder writes them, on the clock of the recording computer."""
+"""Read signals and markers of files that laboratory programs write: XDF, EDF, EDF+ and BDF."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ from anchorpose.sync.streams import LARGEST_BYTES, Markers, OtherFile, Stream, d
 
 MAGIC: Final = b"XDF:"
 
-REMEDY: Final = "give a file that LabRecorder or another program has written as XDF"
+XDF_REMEDY: Final = "give a file that LabRecorder or another program has written as XDF"
+
+EDF_REMEDY: Final = "export it again as continuous EDF or EDF+"
 
 
 def read_xdf(path: Path) -> OtherFile:
-    """Read streams of numbers as signals, and streams of events as markers: streams of texts, or of numbers without a
+    """Read the streams of an XDF file, as LabRecorder writes them, on the clock of the recording computer.
+
+    Streams of numbers are read as signals, and streams of events as markers: streams of texts, or of numbers without a
     regular rate. Times are corrected by the clock offsets that the file has. Raises InputError if the file is not XDF
     or is empty, MissingPackage if pyxdf is missing.
     """
@@ -41,21 +45,46 @@ def read_xdf(path: Path) -> OtherFile:
                 if _has_events(each)
             ]
         except Exception as error:  # the library raises arbitrary errors for damaged bytes
-            reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
-            raise InputError(path, f"cannot be read as XDF ({reason})", REMEDY) from None
+            raise _unreadable(path, "XDF", error, XDF_REMEDY) from None
     notes = [f"{path.name} is damaged; its undamaged parts were read ({damaged[0][:80]})"] if damaged else []
     return usable(path, signals, markers, notes)
 
 
-def _require_xdf(path: Path) -> None:
+def read_edf(path: Path) -> OtherFile:
+    """Read a file in EDF, EDF+ or BDF, in seconds since its start: the signals with their labels, as one stream per
+    sampling rate, and annotations as markers named by their texts. Raises InputError if the file is not EDF,
+    MissingPackage if pyedflib is missing.
+    """
+    try:
+        import pyedflib
+    except ImportError:
+        raise MissingPackage("sync with an EDF file", "pyedflib", "sync") from None
+    try:
+        _require_file(path)
+        with pyedflib.EdfReader(str(path)) as file:
+            return usable(path, _signals_of_edf(file), _annotations(file), ())
+    except (OSError, ValueError, MemoryError) as error:
+        raise _unreadable(path, "EDF", error, EDF_REMEDY) from None
+
+
+def _require_file(path: Path) -> None:
     try:
         require_regular(path, LARGEST_BYTES)
-        with open_regular(path) as file:
-            begins = file.read(len(MAGIC))
     except FileNotFoundError:
         raise InputError(path, "there is no such file", "check the path") from None
+
+
+def _unreadable(path: Path, kind: str, error: Exception, remedy: str) -> InputError:
+    reason = (str(error).splitlines() or [type(error).__name__])[0].removeprefix(f"{path}: ")[:80]
+    return InputError(path, f"cannot be read as {kind} ({reason})", remedy)
+
+
+def _require_xdf(path: Path) -> None:
+    _require_file(path)
+    with open_regular(path) as file:
+        begins = file.read(len(MAGIC))
     if begins != MAGIC:
-        raise InputError(path, "is not an XDF file", REMEDY)
+        raise InputError(path, "is not an XDF file", XDF_REMEDY)
 
 
 @contextmanager
@@ -102,3 +131,27 @@ def _labels(stream: Any, count: int) -> tuple[str, ...]:
     except (KeyError, IndexError, TypeError):
         found = []
     return distinct(found if len(found) == count else [f"ch{number + 1}" for number in range(count)])
+
+
+def _signals_of_edf(file: Any) -> list[Stream]:
+    labels = distinct([str(label).strip() for label in file.getSignalLabels()])
+    rates, counts = file.getSampleFrequencies().tolist(), file.getNSamples().tolist()
+    groups = dict[tuple[float, int], list[int]]()
+    for row, kind in enumerate(zip(rates, counts, strict=True)):
+        groups.setdefault(kind, []).append(row)
+    return [
+        Stream(
+            f"{rate_hz:g} Hz",
+            np.arange(count) / rate_hz,
+            tuple(labels[row] for row in rows),
+            np.stack([file.readSignal(row) for row in rows], axis=1),
+        )
+        for (rate_hz, count), rows in groups.items()
+    ]
+
+
+def _annotations(file: Any) -> list[Markers]:
+    onsets_s, _, texts = file.readAnnotations()
+    names = [str(text) for text in texts]
+    onsets_s = np.asarray(onsets_s, dtype=np.float64)
+    return [Markers(name, np.unique(onsets_s[[each == name for each in names]])) for name in dict.fromkeys(names)]
