@@ -10,12 +10,13 @@ from recording_builder import edit_json, write_recording
 from report_builder import squats, write_session
 
 from anchorpose.batch.sessions import find_sessions
-from anchorpose.batch.summary import MEASURES, OTHER_RUN, SESSIONS, identity_of
+from anchorpose.batch.summary import MEASURES, OTHER_RUN, SESSIONS, SessionRow, identity_of, write_page
 from anchorpose.batch.worker import Outcome
 from anchorpose.cli import main
 from anchorpose.cli.track_verbs import TrackOptions
 from anchorpose.recording.reader import input_files, open_recording
 from anchorpose.results import run_record
+from anchorpose.results.records import Measure
 from anchorpose.results.run_record import hash_files
 
 
@@ -60,6 +61,14 @@ def test_a_summary_has_every_session_its_shares_and_its_measures(three: Path, ca
     measures = MEASURES.read(three / "out" / MEASURES.file)
     assert {row.session for row in measures} == {"one"}
     assert len(rows(three / "out" / "measures.csv")) == len(measures) == 11  # without the one of a single person
+
+
+@pytest.mark.parametrize(("sigma", "written"), [(0.0, "12.0 s"), (0.5, "12.0 s ± 1.0 s"), (None, "12 s")])
+def test_the_page_has_no_error_of_zero(tmp_path: Path, sigma, written) -> None:
+    measure = Measure(measure="upright_time", value=12.0, unit="s", sigma=sigma, frames=30)
+    row = SessionRow(session="one", recording="one", subject="", state="done")
+    page = write_page(tmp_path, [row], {"one": (measure,)})
+    assert f"<td>{written}</td>" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("changed", ["settings", "recording", "identity"])

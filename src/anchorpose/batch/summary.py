@@ -28,7 +28,7 @@ from anchorpose.recording.document import cell_text, read_json
 from anchorpose.recording.recording_file import RECORDING_FILE
 from anchorpose.recording.regular_file import is_there
 from anchorpose.recording.writable import whole_file
-from anchorpose.report.measure_section import title_of, value_form
+from anchorpose.report.measure_section import title_of, value_text
 from anchorpose.report.page import REPORT_FILE
 from anchorpose.report.words import render_page
 from anchorpose.results.folder import write_text_whole
@@ -36,7 +36,6 @@ from anchorpose.results.parquet import RecordTable, refuse_unreadable
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey, read_measures
 from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE
-from anchorpose.results.uncertainty import NORMAL_95
 
 DONE, FAILED, OPEN = "done", "failed", "open"
 STATES: Final = (DONE, FAILED, OPEN)
@@ -330,6 +329,4 @@ def _measure_rows(
 def _value(measure: Measure | None) -> Markup:
     if measure is None or measure.value is None:
         return UNKNOWN.format("did not occur" if measure is None else measure.why)
-    form = value_form(measure)
-    error = Markup("") if measure.sigma is None else Markup(" ± {}").format(form.write(NORMAL_95 * measure.sigma))
-    return Markup("{}{}").format(form.write(measure.value), error)
+    return Markup("{}").format(value_text(measure))
