@@ -282,6 +282,15 @@ def test_a_camera_with_a_picture_of_the_markers_is_placed_and_the_others_keep_wh
     assert 0 < records[CAMERA.name].sigma_m < 0.02
 
 
+def test_the_record_names_the_tags_that_are_left_out(tmp_path):
+    recording = recording_with(tmp_path, CAMERA)
+    moved = (*SPREAD[:3], tag(3, (-0.1, 0.62, 0.25)))
+    cv2.imwrite(str(tmp_path / CAMERA.name / "infrared.png"), photo(CAMERA, moved))
+    _, records = place_by_markers(recording, layout(*SPREAD))
+    (out,) = (figure for figure in records[CAMERA.name].figures if figure.unit == "tags")
+    assert (out.value, "(3)" in out.what) == (1.0, True)
+
+
 def test_images_that_give_no_pose_are_refused_by_name(tmp_path):
     recording = recording_with(tmp_path, CAMERA)
     of_tags = layout(*SPREAD)

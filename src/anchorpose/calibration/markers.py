@@ -208,11 +208,16 @@ def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Record
         if isinstance(found, NoMarkers):
             raise InputError(path, found.value, "put up more or larger markers, in different planes, and record again")
         cameras.append(replace(camera, T_world_camera=found.T_world_camera))
-        figures = (
+        figures = [
             PoseFigure("markers, rms of their corners", found.rms_px, "px"),
             PoseFigure("markers, corners used", float(found.corners), "corners"),
-        )
-        records[camera.name] = PoseRecord(camera.name, PoseSource.MARKERS, found.sigma_m, found.sigma_rad, figures)
+        ]
+        if found.left_out:
+            numbers = ", ".join(map(str, found.left_out))
+            what = f"markers, tags left out since they contradict the others ({numbers})"
+            figures.append(PoseFigure(what, float(len(found.left_out)), "tags"))
+        pose = PoseRecord(camera.name, PoseSource.MARKERS, found.sigma_m, found.sigma_rad, tuple(figures))
+        records[camera.name] = pose
     if not records:
         problem = f"no camera's folder holds {' or '.join(MARKER_IMAGES)}"
         raise InputError(recording.folder, problem, "add an image of the markers from each camera")
