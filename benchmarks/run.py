@@ -126,7 +126,7 @@ def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
             _say(f"{suite}: {number} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
     if faults:  # raised only now, so that the results of the other cases are kept
         raise RuntimeError(f"{suite} could not be measured: {'; '.join(faults)}")
-    return _rows([found[index] for index in range(len(cases))], len(plan.versions))
+    return rows_of([found[index] for index in range(len(cases))], len(plan.versions))
 
 
 def _compile(plan: Plan) -> None:
@@ -137,16 +137,18 @@ def _compile(plan: Plan) -> None:
         tracked(plan.cache / "results" / f"warm-{version.digest}", ready, {}, version)
 
 
-def _rows(found: Sequence[Sequence[Sequence[tuple[str, dict[str, float]]]]], versions: int) -> list[Rows]:
+def rows_of(found: Sequence[Sequence[Sequence[tuple[str, dict[str, float]]]]], versions: int) -> list[Rows]:
     """Return per version the rows of all cases. A case in which only another version has a row, such as a body part
-    that only this version reports as touched, has no scores in this row.
+    that only this version reports as touched, has no scores in this row. A case may have a row several times: the left
+    and the right joint.
     """
     rows: list[Rows] = [{} for _ in range(versions)]
     for case in found:
-        of_version = [dict(scored) for scored in case]
-        for row in dict.fromkeys(row for scored in of_version for row in scored):
-            for of, scored in zip(rows, of_version, strict=True):
-                of.setdefault(row, []).append(scored.get(row, {}))
+        for row in dict.fromkeys(row for scored in case for row, _ in scored):
+            of_row = [[scores for name, scores in scored if name == row] for scored in case]
+            count = max(map(len, of_row))
+            for of, scores in zip(rows, of_row, strict=True):
+                of.setdefault(row, []).extend([*scores, *[dict[str, float]()] * (count - len(scores))])
     return rows
 
 

@@ -16,6 +16,7 @@ from probing import script_of
 from recordings import OneFrame, Simulated, code_of
 from remarks import REMARKS
 from room_suites import STARTS
+from run import rows_of
 from scores import LABELS
 from suites import SUITES, cases_of, hard_scenes
 from versions import REPOSITORY, working_tree
@@ -87,6 +88,15 @@ def test_a_recording_of_one_frame_opens_with_the_chosen_image_and_its_truth(cach
     with np.load(ready.truth) as one, np.load(source.truth) as every:
         np.testing.assert_array_equal(one["joints"], every["joints"][[2]])
         assert one["names"].tolist() == every["names"].tolist()
+
+
+def test_a_row_that_a_case_has_twice_counts_twice_and_versions_stay_aligned():
+    left, right, other = {"off": 1.0}, {"off": 2.0}, {"off": 3.0}
+    now, before = [("knee", left), ("knee", right)], [("knee", other), ("hand", left)]
+    assert rows_of([[now, before], [now, now]], 2) == [
+        {"knee": [left, right, left, right], "hand": [{}]},
+        {"knee": [other, {}, left, right], "hand": [left]},
+    ]
 
 
 def test_wilsons_interval_is_the_published_one():
