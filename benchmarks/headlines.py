@@ -33,7 +33,7 @@ def _joints_and_confident(rows: Sequence[Measured]) -> str:
     share = 100.0 * known_values("confident", rows[0]).mean()
     refused = sum(one.get("refused", 0.0) for one in rows[0])
     also = f"; {refused:.0f} more refused" if refused else ""
-    return f"{_joints(rows)}; {share:.1f} % of the joints are over 100 mm and four sigma off{also}"
+    return f"{_joints(rows)}; {share:.2f} % of the joints are over 100 mm and four sigma off{also}"
 
 
 def _thighs(rows: Sequence[Measured]) -> str:
