@@ -61,6 +61,7 @@ from anchorpose.results.stand_training.upright import (
 from anchorpose.results.tables import (
     ANGLES_FILE,
     JOINTS_FILE,
+    POLICY_KEY,
     POSTURE_FILE,
     PROCESSED_FILE,
     PROCESSING,
@@ -249,9 +250,6 @@ def _measures(
         *assistance_measures(session),
         *independence_measures(session),
     ]
-
-
-POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of angles_processed.parquet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
