@@ -27,13 +27,13 @@ from anchorpose.report.measure_section import (
 from anchorpose.report.session import Session
 from anchorpose.report.still_chart import Side, StillChart, across, still_row
 from anchorpose.report.words import decimals_for, listed, number
-from anchorpose.results.condition_effect import BLOCKS, CONFIDENCE, FREE, PAIRS, Effect, effects
+from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
 from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
 from anchorpose.results.trial_measures import condition_measures
 from anchorpose.results.trial_table import TRIALS_FILE
-from anchorpose.results.uncertainty import NORMAL_95, systematic_share
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95, systematic_share
 
 CURVES: Final = (
     "upright_share",

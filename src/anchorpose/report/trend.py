@@ -33,9 +33,8 @@ from anchorpose.report.measure_section import (
 )
 from anchorpose.report.session import Session
 from anchorpose.report.still_chart import Side, StillChart, across, still_row
-from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.records import Measure, MeasureKey
-from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 
 LEAST_SESSIONS: Final = 3
 DAYS: Final = 7.0
