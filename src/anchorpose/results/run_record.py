@@ -363,6 +363,17 @@ def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
     return {**run, "inputs_sha256": doubtful}
 
 
+def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
+    """Return (count,) the share of the followed surface points that were matched in the next frame, NaN where no point
+    was followed (``association.matched_share`` in run.json). Return None unless run.json states the share for each of
+    the ``count`` frames.
+    """
+    shares = run.get("association", {}).get("matched_share", [])
+    if len(shares) != count:
+        return None
+    return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
+
+
 def as_json(value: Any) -> Any:
     """Convert dataclasses, arrays, sets, enums and paths to JSON values; a number that is not finite becomes null.
 
