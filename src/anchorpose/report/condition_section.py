@@ -25,7 +25,7 @@ from anchorpose.report.measure_section import (
     words_of,
 )
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import Side, StillChart, across, still_row
+from anchorpose.report.still_chart import Drawn, StillChart, across, still_row
 from anchorpose.report.words import decimals_for, listed, number
 from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
@@ -272,7 +272,7 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
     """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
-    drawn, table = list[Side](), list[tuple[str, Sequence[str]]]()
+    drawn, table = list[Drawn](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)
     for rows in sides:
         known = [row for row in rows if row.value is not None and isinstance(cells.get(row.trial or 0), float)]
@@ -284,7 +284,7 @@ def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure
             continue
         x, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
         points = {"x": at, "y": value, "reach": NORMAL_95 * sigma}
-        drawn.append(Side(side=side, **points, line_x=x, line_y=mean, low=mean - half, high=mean + half))
+        drawn.append(Drawn(side=side, **points, line_x=x, line_y=mean, low=mean - half, high=mean + half))
         table += [_cells(side, level, column, unit) for level in levels]
     if not drawn:
         return None

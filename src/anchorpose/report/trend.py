@@ -32,7 +32,7 @@ from anchorpose.report.measure_section import (
     words_of,
 )
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import Side, StillChart, across, still_row
+from anchorpose.report.still_chart import Drawn, StillChart, across, still_row
 from anchorpose.results.records import Measure, MeasureKey
 from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 
@@ -227,11 +227,11 @@ DRAWN: Final = 25
 """Number of points along a line at which the edges of its band, which are curved, are computed."""
 
 
-def _side(followed: _Followed, span: tuple[float, float], times: float) -> Side:
+def _side(followed: _Followed, span: tuple[float, float], times: float) -> Drawn:
     known, line_x = np.isfinite(followed.value), np.linspace(*span, DRAWN)
     assert followed.fit is not None
     y, half = followed.fit.band(line_x)
-    return Side(
+    return Drawn(
         side=followed.like.side or "",
         x=followed.x[known],
         y=times * followed.value[known],
