@@ -17,8 +17,9 @@ from trials_builder import trials_in_turn, write_trial_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trial, Trials
-from anchorpose.report.condition_section import _effects, condition_section, levels_of
+from anchorpose.report.condition_section import _effects, condition_section
 from anchorpose.report.page import write_report
+from anchorpose.report.parameter_curves import levels_of
 from anchorpose.report.session import Session, read_session
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session, write_measured

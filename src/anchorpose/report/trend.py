@@ -21,7 +21,8 @@ from markupsafe import Markup
 from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import Detectable, time_gap
+from anchorpose.report.comparable import time_gap
+from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import (
     COMPARED,
     title_of,
