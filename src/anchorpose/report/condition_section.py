@@ -51,11 +51,17 @@ DESIGNS: Final = {
 }
 
 
-Row = tuple[str, list[str | Markup]]
-"""A condition's name, and four cells: the number of its trials that have a value, the mean of these values, the
-difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
-difference, or why they do not.
-"""
+class ConditionRow(NamedTuple):
+    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, the
+    difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
+    difference, or why they do not.
+    """
+
+    condition: str
+    trials: str
+    value: Markup
+    difference: str
+    verdict: str
 
 
 class ConditionGroup(NamedTuple):
@@ -63,7 +69,7 @@ class ConditionGroup(NamedTuple):
 
     title: str
     meaning: str
-    rows: list[Row]
+    rows: list[ConditionRow]
 
 
 class ConditionSection(NamedTuple):
@@ -184,18 +190,18 @@ def _group(
     return ConditionGroup(title_of(rows[0]), words_of(rows[0].measure).meaning, named)
 
 
-def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> Row:
+def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> ConditionRow:
     own = [row for row in rows if row.condition == name]
     known = sum(row.value is not None for row in own)
     unknown = Markup('<i class="why">no value: {}</i>')
     value = unknown.format(mean.why) if mean.value is None else value_and_error(mean)
     trials = f"{known} of {len(own)}"
     if effect is None:
-        return name, [trials, value, "reference", ""]
+        return ConditionRow(name, trials, value, "reference", "")
     difference = Markup('<span class="unknown">not known</span>')
     if effect.difference is not None:
         difference = value_and_interval(mean, effect.difference, effect.low, effect.high)
-    return name, [trials, value, difference, _verdict(effect, mean)]
+    return ConditionRow(name, trials, value, difference, _verdict(effect, mean))
 
 
 def _verdict(effect: Effect, like: Measure) -> Markup:
