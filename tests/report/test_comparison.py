@@ -14,8 +14,9 @@ from session_builder import measured
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import grows_with_time, read_detectable
+from anchorpose.report.comparable import grows_with_time
 from anchorpose.report.comparison import _change, change_between, write_comparison
+from anchorpose.report.detectable import read_detectable
 from anchorpose.results.measuring import MeasureConfig, write_measured
 from anchorpose.results.processing import ProcessingConfig
 from anchorpose.results.records import Measure, write_measures

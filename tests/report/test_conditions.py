@@ -17,8 +17,9 @@ from trials_builder import trials_in_turn, write_trial_results
 from anchorpose.cli import main
 from anchorpose.errors import InputError
 from anchorpose.recording.events import Trial, Trials
-from anchorpose.report.condition_section import _effects, condition_section, levels_of
+from anchorpose.report.condition_section import _effects, condition_section
 from anchorpose.report.page import write_report
+from anchorpose.report.parameter_curves import levels_of
 from anchorpose.report.session import Session, read_session
 from anchorpose.results.joint_angles import joint_angles
 from anchorpose.results.measuring import MeasureConfig, measure_session, write_measured
@@ -86,7 +87,7 @@ def test_the_page_says_how_trials_were_compared_and_how_many_differences_were_te
     assert "12 trials: 6 of off and 6 of on. Differences are to off" in text
     assert "Neighbouring trials of two conditions are compared in pairs" in text
     section = condition_section(read_session(folder))
-    verdicts = [cells[-1] for group in section.groups for _, cells in group.rows]
+    verdicts = [row.verdict for group in section.groups for row in group.rows]
     tested = sum("p " in verdict and "not tested" not in verdict for verdict in verdicts)
     assert f"{tested} differences are tested" in " ".join(text.split())
     assert page.find("a", href="#conditions")
@@ -135,7 +136,7 @@ def test_the_minimal_detectable_change_of_a_session_s_time_is_not_that_of_a_tria
         for row in session.trial_measures
     ]
     section = condition_section(replace(session, trial_measures=tuple(rows)), {("upright_time", None, "s"): 100.0})
-    verdicts = {group.title: str(group.rows[1][1][-1]) for group in section.groups}
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
     assert "p 0.031" in verdicts["time upright"]
     assert "minimal detectable change" not in verdicts["time upright"]
 
@@ -158,7 +159,7 @@ def test_trials_that_last_differently_are_not_tested_by_what_grows_with_time(tmp
     trials = trials_in_turn(IN_TURN)
     short = tuple(replace(row, duration_s=3.0 if row.condition == "off" else 4.0) for row in trials.rows)
     section = condition_section(with_trials(folder, replace(trials, rows=short)))
-    verdicts = {group.title: str(group.rows[1][1][-1]) for group in section.groups}
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
     assert "it grows with time, and trials last 3 to 4 s" in verdicts["time upright"]
     assert "a difference" in verdicts["knee flexion while upright, mean, left"]
 
@@ -173,7 +174,7 @@ def test_a_condition_in_which_the_patient_is_hidden_for_longer_is_not_tested_by_
 
     rows = [hidden(row) if row.condition == "off" else row for row in session.trial_measures]
     section = condition_section(replace(session, trial_measures=tuple(rows)))
-    verdicts = {group.title: str(group.rows[1][1][-1]) for group in section.groups}
+    verdicts = {group.title: str(group.rows[1].verdict) for group in section.groups}
     assert "not tested: it grows with time (more time with posture known)" in verdicts["time upright"]
     assert "not tested" not in verdicts["knee flexion while upright, mean, left"]
 
@@ -182,13 +183,13 @@ def test_too_few_trials_say_how_many_are_needed_and_one_condition_has_nothing_to
     folder = write_trial_results(tmp_path / "r", IN_TURN)
     few = Trials((), tuple(Trial(k + 1, name, 4.0 * k, 4.0, 4.0 * k) for k, name in enumerate("ABAB")))
     section = condition_section(with_trials(folder, few), chosen=("knee_flexion_upright_mean",))
-    assert "6 pairs are needed" in section.groups[0].rows[1][1][-1]
+    assert "6 pairs are needed" in section.groups[0].rows[1].verdict
     assert section.tested == 0
     assert section.charts == []
     one = Trials((), (Trial(1, "on", 0.0, 8.0, 0.0),))
     section = condition_section(with_trials(folder, one))
     assert "With a single condition there is nothing to compare." in section.about
-    assert [name for name, _ in section.groups[0].rows] == ["on"]
+    assert [row.condition for row in section.groups[0].rows] == ["on"]
 
 
 def test_names_of_conditions_cannot_become_markup(tmp_path):

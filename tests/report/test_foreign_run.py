@@ -17,8 +17,8 @@ from anchorpose.report.comparable import differences
 from anchorpose.report.page import corrections, kept_frames, problems, provenance, write_report
 from anchorpose.report.session import Session, input_hashes, read_session
 from anchorpose.report.summary import summary
-from anchorpose.report.timeline import kept_rows, matched_share
-from anchorpose.results.run_record import read_run
+from anchorpose.report.timeline import kept_rows
+from anchorpose.results.run_record import matched_share, read_run
 
 PNG = cv2.imencode(".png", np.full((4, 6, 3), 90, np.uint8))[1].tobytes()
 SIGNED = {"reason": "a curtain", "who": "AB", "when": "2026-03-01T09:30:00Z"}

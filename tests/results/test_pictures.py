@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
+import pytest
 from results_builder import standing_joints
 
 from anchorpose.camera import Camera
@@ -37,11 +38,15 @@ def test_run_json_holds_only_what_json_knows():
         place: Path
         weights: np.ndarray
         count: np.int8
+        names: frozenset[str]
 
-    settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), np.int8(3))
+    names = frozenset({"b", "d", "a", "c"})  # sorted, so that every run writes the same bytes
+    settings = Settings(np.float64(0.5), Colour.RED, Path("a/b"), np.array([1.0, np.nan]), np.int8(3), names)
     expected = {"radius_m": 0.5, "colour": "red", "place": "a/b", "weights": [1.0, None], "count": 3}
-    assert as_json(settings) == expected
+    assert as_json(settings) == expected | {"names": ["a", "b", "c", "d"]}
     json.dumps(as_json(settings), allow_nan=False)
+    with pytest.raises(TypeError, match="type object has no JSON form"):
+        as_json({"settings": [object()]})
 
 
 def test_hashes_are_those_of_the_bytes(tmp_path):

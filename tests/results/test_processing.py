@@ -10,7 +10,6 @@ from results_builder import standing_joints
 from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.joints import JOINT_COUNT, JOINT_INDEX, LOST
 from anchorpose.results.joint_angles import joint_angles
-from anchorpose.results.measuring import POLICY_KEY
 from anchorpose.results.parquet import read_parquet_schema
 from anchorpose.results.processing import (
     FILLED,
@@ -27,6 +26,7 @@ from anchorpose.results.processing import (
     smooth_stretch,
 )
 from anchorpose.results.tables import (
+    POLICY_KEY,
     PROCESSING,
     JointTable,
     read_processed_angles,
@@ -257,3 +257,7 @@ def test_a_table_that_does_not_say_what_was_done_is_refused(tmp_path):
     write_angles(tmp_path / "angles.parquet", joint_angles(moving(2)))
     with pytest.raises(InputError, match="columns"):
         read_processed_angles(tmp_path / "angles.parquet")
+    processed, _ = process_angles(moving(2), ProcessingConfig())
+    write_processed_angles(tmp_path / "angles_processed.parquet", processed)
+    with pytest.raises(InputError, match="has no 'processing_policy' in its metadata"):
+        read_processed_angles(tmp_path / "angles_processed.parquet")

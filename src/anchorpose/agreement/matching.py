@@ -209,30 +209,31 @@ def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
     knees = [k for k, (name, label) in named if name.startswith("knee_flexion") and label not in ANGLE_NAMES]
     if not knees:
         return reference
-    middle = _middle(ours.degrees[:, [ours.column(reference.angles[k]) for k in knees]])
-    in_file = _middle(reference.degrees[:, knees])
-    sign, how = _sign(abs(middle - in_file), abs(middle + in_file))
+    middle = _middle_of_range(ours.degrees[:, [ours.column(reference.angles[k]) for k in knees]])
+    in_file = _middle_of_range(reference.degrees[:, knees])
+    sign, how = _knee_sign(abs(middle - in_file), abs(middle + in_file))
     degrees = reference.degrees.copy()
     degrees[:, knees] *= sign
     note = (
-        f"{' and '.join(reference.labels[k] for k in knees)}: {how}; the middle of the range is {_shown(in_file)} in "
-        f"the file and {_shown(middle)} in the results. To state the sign yourself, name the angles "
+        f"{' and '.join(reference.labels[k] for k in knees)}: {how}; the middle of the range is "
+        f"{_degrees_text(in_file)} in the file and {_degrees_text(middle)} in the results. "
+        "To state the sign yourself, name the angles "
         "knee_flexion_left and knee_flexion_right in the file, with flexion positive."
     )
     return replace(reference, degrees=degrees, notes=(*reference.notes, note))
 
 
-def _shown(degrees: float) -> str:
+def _degrees_text(degrees: float) -> str:
     return "unknown" if np.isnan(degrees) else f"{degrees:.0f} degrees"
 
 
-def _middle(degrees: np.ndarray) -> float:
+def _middle_of_range(degrees: np.ndarray) -> float:
     """Return the middle between the 5th and the 95th percentile of all known angles; NaN if no angle is known."""
     known = degrees[np.isfinite(degrees)]
     return float(np.percentile(known, [5.0, 95.0]).mean()) if len(known) else float("nan")
 
 
-def _sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
+def _knee_sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
     """Return the sign, NaN if it is undecided, and a text on it. as_given_deg, opposite_deg: differences from the
     results with either sign.
     """

@@ -25,11 +25,10 @@ from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
 from anchorpose.errors import InputError
 from anchorpose.options import plain_number
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
-from anchorpose.results.condition_effect import CONFIDENCE
 from anchorpose.results.ratings import RATING, RATING_UNIT, Ratings, read_ratings
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
 from anchorpose.results.tables import JOINTS_FILE
-from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 from anchorpose.results.verify import require_own
 from anchorpose.settings import LARGEST
 

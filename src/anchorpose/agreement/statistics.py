@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from anchorpose.results.condition_effect import CONFIDENCE
-from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 
 LEAST_UNITS: Final = 3
 """Minimum number of subjects at which each subject counts as a unit, and minimum number of units for confidence

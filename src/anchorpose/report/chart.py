@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 from urllib.parse import quote
 
 import numpy as np
@@ -233,6 +233,9 @@ class Column:
     cells: Sequence[str]
 
 
+Role = Literal["text", "low", "high", "sigma", "state"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
     """The values of a curve or row that the slider shows. columns: by role, its columns: ``text`` alone, or the lowest
@@ -241,7 +244,7 @@ class Reading:
 
     label: str
     unit: str = ""
-    columns: dict[str, Column]
+    columns: dict[Role, Column]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,13 +307,13 @@ def _leading_columns(bins: Bins) -> list[Column]:
     ]
 
 
-def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[str, Column]:
+def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[Role, Column]:
     """Return two columns, the lowest and the highest value of each group. name: column name with a placeholder for
     "lowest" or "highest".
     """
     line = envelope(values, bins)
-    ends = {"low": ("lowest", line.low), "high": ("highest", line.high)}
-    return {role: Column(name.format(which), cells(end, decimals)) for role, (which, end) in ends.items()}
+    low = Column(name.format("lowest"), cells(line.low, decimals))
+    return {"low": low, "high": Column(name.format("highest"), cells(line.high, decimals))}
 
 
 def cells(values: np.ndarray, decimals: int) -> list[str]:

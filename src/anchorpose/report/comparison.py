@@ -22,15 +22,8 @@ from markupsafe import Markup
 
 from anchorpose.errors import InputError
 from anchorpose.recording.writable import check_file, new_folder
-from anchorpose.report.comparable import (
-    SCATTERING,
-    SCATTERS,
-    Detectable,
-    differences,
-    read_detectable,
-    require_comparable,
-    time_gap,
-)
+from anchorpose.report.comparable import SCATTERING, SCATTERS, differences, require_comparable, time_gap
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import (
     grouped_measures,
     inferred_share,

@@ -4,36 +4,35 @@ and their curves over the trials' parameters (numbers set in each trial, such as
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
-from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.recording.events import TrialColumn, Trials
-from anchorpose.report.comparable import ALIKE, Detectable, grows_with_time, time_gap
+from anchorpose.recording.events import Trials
+from anchorpose.report.comparable import ALIKE, grows_with_time, time_gap
+from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import (
     COMPARED,
     form_within,
     title_of,
-    unit_of,
     value_and_error,
     value_and_interval,
     words_of,
 )
+from anchorpose.report.parameter_curves import parameter_charts
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import Side, StillChart, across, still_row
-from anchorpose.report.words import decimals_for, listed, number
-from anchorpose.results.condition_effect import BLOCKS, CONFIDENCE, FREE, PAIRS, Effect, effects
+from anchorpose.report.still_chart import StillChart
+from anchorpose.report.words import listed
+from anchorpose.results.condition_effect import BLOCKS, FREE, PAIRS, Effect, effects
 from anchorpose.results.permutation import ALPHA
 from anchorpose.results.ratings import RATING
 from anchorpose.results.records import MEASURES_FILE, Measure, MeasureKey
 from anchorpose.results.trial_measures import condition_measures
 from anchorpose.results.trial_table import TRIALS_FILE
-from anchorpose.results.uncertainty import NORMAL_95, systematic_share
 
 CURVES: Final = (
     "upright_share",
@@ -52,11 +51,17 @@ DESIGNS: Final = {
 }
 
 
-Row = tuple[str, list[str | Markup]]
-"""A condition's name, and four cells: the number of its trials that have a value, the mean of these values, the
-difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
-difference, or why they do not.
-"""
+class ConditionRow(NamedTuple):
+    """A row for one condition: its name, the number of its trials that have a value, the mean of these values, the
+    difference from the reference condition, and the verdict. The verdict states whether the trials demonstrate this
+    difference, or why they do not.
+    """
+
+    condition: str
+    trials: str
+    value: Markup
+    difference: str
+    verdict: str
 
 
 class ConditionGroup(NamedTuple):
@@ -64,7 +69,7 @@ class ConditionGroup(NamedTuple):
 
     title: str
     meaning: str
-    rows: list[Row]
+    rows: list[ConditionRow]
 
 
 class ConditionSection(NamedTuple):
@@ -185,18 +190,18 @@ def _group(
     return ConditionGroup(title_of(rows[0]), words_of(rows[0].measure).meaning, named)
 
 
-def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> Row:
+def _row(name: str, rows: Sequence[Measure], mean: Measure, effect: Effect | None) -> ConditionRow:
     own = [row for row in rows if row.condition == name]
     known = sum(row.value is not None for row in own)
     unknown = Markup('<i class="why">no value: {}</i>')
     value = unknown.format(mean.why) if mean.value is None else value_and_error(mean)
     trials = f"{known} of {len(own)}"
     if effect is None:
-        return name, [trials, value, "reference", ""]
+        return ConditionRow(name, trials, value, "reference", "")
     difference = Markup('<span class="unknown">not known</span>')
     if effect.difference is not None:
         difference = value_and_interval(mean, effect.difference, effect.low, effect.high)
-    return name, [trials, value, difference, _verdict(effect, mean)]
+    return ConditionRow(name, trials, value, difference, _verdict(effect, mean))
 
 
 def _verdict(effect: Effect, like: Measure) -> Markup:
@@ -216,103 +221,3 @@ def _verdict(effect: Effect, like: Measure) -> Markup:
 
 def _p_text(p: float) -> str:
     return "below 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
-
-
-LEAST_LEVELS: Final = 2
-MOST_TICKS: Final = 9
-
-
-class Level(NamedTuple):
-    """The trials with the same value of a parameter: this value, their number, the measure's mean over them, and half
-    the width of the mean's 95 % interval (NaN if unknown).
-    """
-
-    at: float
-    trials: int
-    mean: float
-    half: float
-
-
-def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float) -> list[Level]:
-    """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
-
-    at, value, sigma (n,): the parameter, the measure's value and its sigma in each trial, NaN where unknown. share: the
-    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials or, if this is
-    larger, their random errors. For a single trial, it covers only the random error. The systematic error is left out,
-    since it shifts all levels alike.
-    """
-    return [
-        _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)
-    ]
-
-
-def _level(at: float, value: np.ndarray, random_sigma: np.ndarray) -> Level:
-    count = len(value)
-    random = float(np.sum(random_sigma**2)) / count**2
-    if count == 1:
-        return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
-    variance = float(np.fmax(value.var(ddof=1) / count, random))
-    return Level(at, count, float(value.mean()), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)))
-
-
-def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure]]) -> list[StillChart]:
-    """Return a chart for each measure and each numeric column of events.tsv with at least two different numbers; left
-    and right share a chart.
-    """
-    names = dict.fromkeys(key[0] for key in found)
-    numeric = [column for column in trials.columns if column.unit is not None]
-    charts = (
-        _chart(column, trials, [rows for key, rows in found.items() if key[0] == name])
-        for name in names
-        for column in numeric
-    )
-    return [chart for chart in charts if chart is not None]
-
-
-def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
-    """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
-    cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
-    drawn, table = list[Side](), list[tuple[str, Sequence[str]]]()
-    times, unit = unit_of(sides[0][0].unit)
-    for rows in sides:
-        known = [row for row in rows if row.value is not None and isinstance(cells.get(row.trial or 0), float)]
-        at = np.array([cells[row.trial or 0] for row in known], dtype=np.float64)
-        value = times * np.array([row.value for row in known], dtype=np.float64)
-        sigma = times * np.array([np.nan if row.sigma is None else row.sigma for row in known])
-        levels, side = levels_of(at, value, sigma, systematic_share(rows[0].unit)), rows[0].side or ""
-        if len(levels) < LEAST_LEVELS:
-            continue
-        x, mean, half = (np.array([getattr(level, name) for level in levels]) for name in ("at", "mean", "half"))
-        points = {"x": at, "y": value, "reach": NORMAL_95 * sigma}
-        drawn.append(Side(side=side, **points, line_x=x, line_y=mean, low=mean - half, high=mean + half))
-        table += [_cells(side, level, column, unit) for level in levels]
-    if not drawn:
-        return None
-    name, what = sides[0][0].measure, words_of(sides[0][0].measure).title
-    span = (min(float(each.x.min()) for each in drawn), max(float(each.x.max()) for each in drawn))
-    axis = f"{column.name}, {column.unit}" if column.unit not in ("1", "arbitrary") else column.name
-    return StillChart(
-        identity=f"parameter-{name}-{trials.columns.index(column)}",
-        title=f"{what} over {axis}",
-        caption=f"{what} over {axis}",
-        row=still_row(unit.strip() or what, drawn, span),
-        ticks=_ticks(np.unique(np.concatenate([each.x for each in drawn])), span),
-        head=(axis, "trials", "mean", "95 % interval"),
-        rows=table,
-    )
-
-
-def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str, Sequence[str]]:
-    known = np.isfinite(level.half)
-    decimals = decimals_for(level.half if known and level.half else None, level.mean)
-    mean, low, high = (number(v, decimals) for v in (level.mean, level.mean - level.half, level.mean + level.half))
-    interval = f"{low} to {high}{unit}" if known else "no error is stated"
-    name = f"{level.at:g}" + (f", {side}" if side else "")
-    return name, (str(level.trials), f"{mean}{unit}", interval)
-
-
-def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Return the ticks: every level or, if there are many, the first, the last and some between them."""
-    if len(levels) > MOST_TICKS:
-        levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
-    return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

@@ -17,8 +17,8 @@ from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.joints import LOST
 from anchorpose.recording.regular_file import read_image
-from anchorpose.report.comparable import Detectable, read_detectable
 from anchorpose.report.condition_section import condition_section, with_reference
+from anchorpose.report.detectable import Detectable, read_detectable
 from anchorpose.report.measure_section import measure_section
 from anchorpose.report.motion_section import angle_section, joint_charts, state_table
 from anchorpose.report.session import Session, read_session

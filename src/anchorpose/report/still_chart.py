@@ -25,8 +25,8 @@ APART: Final = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Side:
-    """The points and the line of one side ("left", "right" or ""). x (n,), y (n,): measured values; reach (n,): half
+class Drawn:
+    """The drawn points and line of one side ("left", "right" or ""). x (n,), y (n,): measured values; reach (n,): half
     length of each error bar, or NaN. line_x, line_y (k,): the line; low, high (k,): edges of its uncertainty band, NaN
     where it has no band.
     """
@@ -64,7 +64,7 @@ def across(values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
     return MARGIN + (1.0 - 2.0 * MARGIN) * np.asarray(share, dtype=np.float64)
 
 
-def still_row(label: str, sides: Sequence[Side], span: tuple[float, float]) -> Row:
+def still_row(label: str, sides: Sequence[Drawn], span: tuple[float, float]) -> Row:
     """Return the chart's picture. label: text of the vertical axis; span: the least and the greatest x."""
     values = [(y, y) for each in sides for y in (each.y, each.line_y)]
     bands = [(np.where(np.isnan(s.reach), s.y, s.y - s.reach), s.y + np.nan_to_num(s.reach)) for s in sides]
@@ -93,7 +93,7 @@ def _path(x: np.ndarray, y: np.ndarray) -> str:
     return "M" + "L".join(f"{a:.0f} {b:.0f}" for a, b in zip(x, y, strict=True)) if len(x) else ""
 
 
-def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Side) -> str:
+def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Drawn) -> str:
     known = np.isfinite(side.low) & np.isfinite(side.high)
     if known.sum() < 2:
         return ""
@@ -101,6 +101,6 @@ def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Side) -> str:
     return f"{there}L{back[1:]}z"
 
 
-def _bars(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Side) -> str:
+def _bars(x: np.ndarray, low: np.ndarray, high: np.ndarray, side: Drawn) -> str:
     known = np.isfinite(side.reach)
     return "".join(f"M{a:.0f} {b:.0f}V{c:.0f}" for a, b, c in zip(x[known], high[known], low[known], strict=True))

@@ -7,7 +7,7 @@ was seen. Each contact has only one such share, since the tables do not state at
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -45,6 +45,7 @@ from anchorpose.results.records import (
     Contact,
     Episode,
 )
+from anchorpose.results.run_record import matched_share
 from anchorpose.results.tables import JOINTS_FILE, NOT_UPRIGHT, POSTURE_FILE, UPRIGHT
 from anchorpose.results.trial_table import TRIALS_FILE, trial_rows
 from anchorpose.results.uncertainty import NORMAL_95
@@ -152,17 +153,6 @@ def joint_confidence_mm(session: Session) -> tuple[np.ndarray, np.ndarray]:
     median, highest = np.full((2, len(reach_mm)), np.nan)
     median[known], highest[known] = np.nanmedian(reach_mm[known], axis=1), np.nanmax(reach_mm[known], axis=1)
     return median, highest
-
-
-def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
-    """Return (count,) the share of the followed surface points that were matched in the next frame, NaN where no point
-    was followed (``association.matched_share`` in run.json). Return None unless run.json states the share for each of
-    the ``count`` frames.
-    """
-    shares = run.get("association", {}).get("matched_share", [])
-    if len(shares) != count:
-        return None
-    return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
 
 
 def _share(session: Session, state: JointState) -> np.ndarray:

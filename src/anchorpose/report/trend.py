@@ -21,7 +21,8 @@ from markupsafe import Markup
 from scipy.special import stdtrit
 
 from anchorpose.errors import InputError
-from anchorpose.report.comparable import Detectable, time_gap
+from anchorpose.report.comparable import time_gap
+from anchorpose.report.detectable import Detectable
 from anchorpose.report.measure_section import (
     COMPARED,
     title_of,
@@ -32,10 +33,9 @@ from anchorpose.report.measure_section import (
     words_of,
 )
 from anchorpose.report.session import Session
-from anchorpose.report.still_chart import Side, StillChart, across, still_row
-from anchorpose.results.condition_effect import CONFIDENCE
+from anchorpose.report.still_chart import Drawn, StillChart, across, still_row
 from anchorpose.results.records import Measure, MeasureKey
-from anchorpose.results.uncertainty import NORMAL_95
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 
 LEAST_SESSIONS: Final = 3
 DAYS: Final = 7.0
@@ -112,17 +112,23 @@ def fit_line(x: np.ndarray, y: np.ndarray, sigma: np.ndarray) -> Fit:
     return Fit(slope, quantile * scatter / np.sqrt(squares), intercept, scatter, quantile, middle, squares, count)
 
 
-Row = tuple[str, str, list[Markup]]
-"""A measure's trend: title and meaning of the measure; then cells with its slope per week, its change over the whole
-time, and the verdict on this change.
-"""
+class TrendRow(NamedTuple):
+    """A measure's trend: title and meaning of the measure, slope per week, change over the whole time, and the verdict
+    on this change.
+    """
+
+    title: str
+    meaning: str
+    slope: Markup
+    change: Markup
+    verdict: Markup
 
 
 class TrendSection(NamedTuple):
     """All trends. why: the reason why no trend is shown; empty if rows and charts exist."""
 
     why: str
-    rows: list[Row]
+    rows: list[TrendRow]
     charts: list[StillChart]
 
 
@@ -136,7 +142,7 @@ def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, det
     if days < LEAST_SESSIONS:
         return TrendSection(TOO_FEW.format(LEAST_SESSIONS, days), [], [])
     x = np.array([(each - dates[0]).days / DAYS for each in dates])
-    rows, drawn = list[Row](), dict[str, list[_Followed]]()
+    rows, drawn = list[TrendRow](), dict[str, list[_Followed]]()
     for key in _keys(sessions):
         followed = _follow(sessions, key, x)
         rows.append(_row(followed, detectable))
@@ -183,20 +189,20 @@ def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Fol
     return _Followed(like, x, value, sigma, fit_line(x[known], value[known], np.hypot(sigma[known], allowed)), "")
 
 
-def _row(followed: _Followed, detectable: Detectable) -> Row:
+def _row(followed: _Followed, detectable: Detectable) -> TrendRow:
     like, fit = followed.like, followed.fit
     title, meaning = title_of(like), words_of(like.measure).meaning
     cell = Markup('<span class="change {}">{}</span>')
     if fit is None:
         empty = Markup('<span class="unknown">none</span>')
-        return title, meaning, [empty, empty, cell.format("untested", f"not tested: {followed.why}")]
+        return TrendRow(title, meaning, empty, empty, cell.format("untested", f"not tested: {followed.why}"))
     known = followed.x[np.isfinite(followed.value)]
     weeks = float(known[-1] - known[0])
     limit = detectable.get((like.measure, like.side, like.unit))
     change = fit.slope * weeks
     intervals = ((fit.slope, fit.half), (change, fit.half * weeks))
-    cells = [value_and_interval(like, value, value - half, value + half) for value, half in intervals]
-    return title, meaning, [*cells, cell.format(*_verdict(fit, change, limit, like))]
+    slope, over_all = (value_and_interval(like, value, value - half, value + half) for value, half in intervals)
+    return TrendRow(title, meaning, slope, over_all, cell.format(*_verdict(fit, change, limit, like)))
 
 
 def _verdict(fit: Fit, change: float, limit: float | None, like: Measure) -> tuple[str, str]:
@@ -228,11 +234,11 @@ DRAWN: Final = 25
 """Number of points along a line at which the edges of its band, which are curved, are computed."""
 
 
-def _side(followed: _Followed, span: tuple[float, float], times: float) -> Side:
+def _side(followed: _Followed, span: tuple[float, float], times: float) -> Drawn:
     known, line_x = np.isfinite(followed.value), np.linspace(*span, DRAWN)
     assert followed.fit is not None
     y, half = followed.fit.band(line_x)
-    return Side(
+    return Drawn(
         side=followed.like.side or "",
         x=followed.x[known],
         y=times * followed.value[known],

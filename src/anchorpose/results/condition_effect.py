@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from scipy.special import stdtrit
@@ -23,9 +22,7 @@ from anchorpose.results.permutation import (
     usable,
 )
 from anchorpose.results.records import Measure
-from anchorpose.results.uncertainty import NORMAL_95, systematic_share
-
-CONFIDENCE: Final = 0.95
+from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95, systematic_share
 
 PAIRS, BLOCKS, FREE = "pairs", "blocks", "free"
 """Names of the ways in which the order of conditions can have been randomised: within pairs of successive trials,

@@ -61,6 +61,7 @@ from anchorpose.results.stand_training.upright import (
 from anchorpose.results.tables import (
     ANGLES_FILE,
     JOINTS_FILE,
+    POLICY_KEY,
     POSTURE_FILE,
     PROCESSED_FILE,
     PROCESSING,
@@ -73,7 +74,7 @@ from anchorpose.results.tables import (
     write_posture,
     write_processed_angles,
 )
-from anchorpose.results.trial_measures import measures_by_trial, trial_intervals, within
+from anchorpose.results.trial_measures import begun_within, completely_within, measures_by_trial, trial_intervals
 from anchorpose.results.trial_table import INTERVALS_FILE, TRIALS_FILE, read_trial_table, write_intervals, write_trials
 from anchorpose.results.verify import require_own
 from anchorpose.settings import settings
@@ -182,8 +183,8 @@ def measure_session(
         return session, measures
 
     def of_trial(part: Session, rows: slice) -> list[Measure]:
-        begun = within(events, rows, whole=False)
-        return _measures(part, within(moves, rows), within(steps, rows), begun, config)
+        own_moves, own_steps = completely_within(moves, rows), completely_within(steps, rows)
+        return _measures(part, own_moves, own_steps, begun_within(events, rows), config)
 
     return session, [*measures, *measures_by_trial(session, trials, measures, config.sway.settle_s, of_trial)]
 
@@ -249,9 +250,6 @@ def _measures(
         *assistance_measures(session),
         *independence_measures(session),
     ]
-
-
-POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of angles_processed.parquet
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,11 +10,12 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field
 from pydantic_core import to_jsonable_python
 
@@ -362,6 +363,34 @@ def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
     return {**run, "inputs_sha256": doubtful}
 
 
+def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
+    """Return (count,) the share of the followed surface points that were matched in the next frame, NaN where no point
+    was followed (``association.matched_share`` in run.json). Return None unless run.json states the share for each of
+    the ``count`` frames.
+    """
+    shares = run.get("association", {}).get("matched_share", [])
+    if len(shares) != count:
+        return None
+    return np.array([np.nan if share is None else share for share in shares], dtype=np.float64)
+
+
 def as_json(value: Any) -> Any:
-    """Convert dataclasses, arrays, enums and paths to JSON values; a number that is not finite becomes null."""
-    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda array: array.tolist())
+    """Convert dataclasses, arrays, sets, enums and paths to JSON values; a number that is not finite becomes null.
+
+    A set becomes a sorted list, so that it gives the same bytes in every run. Raises TypeError for any other object.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {each.name: getattr(value, each.name) for each in fields(value)}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): as_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_json(item) for item in value]
+    if isinstance(value, set | frozenset):
+        return sorted(as_json(item) for item in value)
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=_refuse)
+
+
+def _refuse(value: object) -> None:
+    raise TypeError(f"an object of the type {type(value).__name__} has no JSON form")

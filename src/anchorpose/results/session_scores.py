@@ -55,7 +55,7 @@ help).
 
 _EVENTS: Final = ("event_kind", "event_start_s", "event_end_s", "event_depth")
 _TOUCH: Final = ("touched_regions", "region_names", "on_equipment", "equipment_names", "part_names", "time")
-REMEDY: Final = "give the truth.npz of a simulated session as it was written"
+TRUTH_REMEDY: Final = "give the truth.npz of a simulated session as it was written"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +75,13 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 
     Raises InputError if its arrays do not fit each other.
     """
-    arrays = read_arrays(path, _EVENTS, REMEDY)
+    arrays = read_arrays(path, _EVENTS, TRUTH_REMEDY)
     if not arrays:
         return None
     columns = [arrays.get(name, np.zeros(0)) for name in _EVENTS]
     alike = all(column.ndim == 1 and len(column) == len(columns[0]) for column in columns)
     if not alike or any(column.dtype.kind not in "fiu" or not np.isfinite(column).all() for column in columns[1:]):
-        raise InputError(path, "its arrays event_kind, _start_s, _end_s and _depth do not fit", REMEDY)
+        raise InputError(path, "its arrays event_kind, _start_s, _end_s and _depth do not fit", TRUTH_REMEDY)
     rows = zip(columns[0].tolist(), *(column.tolist() for column in columns[1:]), strict=True)
     return tuple(TrueEvent(str(kind), *numbers) for kind, *numbers in rows)
 
@@ -95,7 +95,7 @@ def read_true_contacts(
 
     Raises InputError if the arrays do not fit each other.
     """
-    arrays = read_arrays(path, _TOUCH, REMEDY)
+    arrays = read_arrays(path, _TOUCH, TRUTH_REMEDY)
     touched, on_equipment = arrays.get("touched_regions"), arrays.get("on_equipment")
     regions, bones, parts = (
         tuple(map(str, arrays.get(name, np.zeros(0)).ravel()))
@@ -103,9 +103,9 @@ def read_true_contacts(
     )
     frames = len(arrays["time"])
     if touched is None or on_equipment is None or set(regions) - set(REGIONS):
-        raise InputError(path, "lacks touched_regions and on_equipment of a session", REMEDY)
+        raise InputError(path, "lacks touched_regions and on_equipment of a session", TRUTH_REMEDY)
     if touched.shape[::2] != (frames, len(regions)) or on_equipment.shape != (frames, len(parts), len(bones)):
-        raise InputError(path, "its touched_regions and on_equipment do not fit", REMEDY)
+        raise InputError(path, "its touched_regions and on_equipment do not fit", TRUTH_REMEDY)
     numbered, found = (frame, time_s), list[Contact]()
     for column, region in enumerate(regions):
         found += _contacts(touched[rows][:, :, column].any(axis=1), numbered, region, PERSON)

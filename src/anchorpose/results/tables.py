@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -11,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from anchorpose.body.asset import BodyAsset
 from anchorpose.body.pose import MOVING_BONES, Pose
+from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_NAMES, LOST, STATE_CODE, JointState
 from anchorpose.recording.recording_file import FARTHEST_CAMERA_M
 from anchorpose.results.frame_table import Codes, Column, Flags, FrameTable, Numbers, cut_rows
-from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN
+from anchorpose.results.parquet import MEASURE_AGAIN, TRACK_AGAIN, read_parquet_schema
 
 _STATES: Final = tuple(str(state) for state in JointState)
 
@@ -200,8 +202,19 @@ ANGLES_PROCESSED: Final = FrameTable(
     columns={**_ANGLE_COLUMNS, "processing": Codes("processing", PROCESSING)},
     remedy=MEASURE_AGAIN,
 )
-PROCESSED_FILE, read_processed_angles = ANGLES_PROCESSED.file, ANGLES_PROCESSED.read
-write_processed_angles = ANGLES_PROCESSED.write
+PROCESSED_FILE, write_processed_angles = ANGLES_PROCESSED.file, ANGLES_PROCESSED.write
+
+POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of angles_processed.parquet
+
+
+def read_processed_angles(path: Path) -> ProcessedAngles:
+    """Read angles_processed.parquet. Raises InputError as ``FrameTable.read`` does, and if the file's metadata do not
+    state how the joints were processed.
+    """
+    angles = ANGLES_PROCESSED.read(path)
+    if POLICY_KEY.encode() not in (read_parquet_schema(path).metadata or {}):
+        raise InputError(path, f"has no '{POLICY_KEY}' in its metadata", MEASURE_AGAIN)
+    return angles
 
 
 NOT_UPRIGHT, UPRIGHT = 0, 1

@@ -96,15 +96,19 @@ def cut_session(session: Session, rows: slice, settle_s: float, onset_s: float) 
     )
 
 
-def within(found: Sequence[Found], rows: slice, whole: bool = True) -> list[Found]:
-    """Return the items whose ``frames`` lie completely in ``rows``; their frames are then counted from the first of
-    these rows. If not ``whole``, only an item's first frame must lie in ``rows``: an event belongs to the trial in
-    which it begins, even if it ends after that trial.
+def begun_within(found: Sequence[Found], rows: slice) -> list[Found]:
+    """Return the items whose first frame lies in ``rows``; their ``frames`` are then counted from the first of these
+    rows. So an event belongs to the trial in which it begins, even if it ends after that trial.
     """
     first, count = rows.start, rows.stop - rows.start
     shifted = [(one, slice(one.frames.start - first, one.frames.stop - first)) for one in found]  # type: ignore[attr-defined]
-    inside = [(one, part) for one, part in shifted if 0 <= part.start < count and (part.stop <= count or not whole)]
-    return [replace(one, frames=part) for one, part in inside]  # type: ignore[type-var]
+    return [replace(one, frames=frames) for one, frames in shifted if 0 <= frames.start < count]  # type: ignore[type-var]
+
+
+def completely_within(found: Sequence[Found], rows: slice) -> list[Found]:
+    """Return the items whose ``frames`` lie completely in ``rows``, counted as in ``begun_within``."""
+    count = rows.stop - rows.start
+    return [one for one in begun_within(found, rows) if one.frames.stop <= count]  # type: ignore[attr-defined]
 
 
 Interval = TypeVar("Interval", Contact, Episode)

@@ -9,6 +9,9 @@ from typing import Final
 
 import numpy as np
 
+CONFIDENCE: Final = 0.95
+"""Level of all confidence intervals."""
+
 NORMAL_95: Final = 1.96
 """Half width, in standard deviations, of the interval that holds 95 of 100 values of a normal distribution."""
 

@@ -18,7 +18,6 @@ from filelock import FileLock, Timeout
 from anchorpose.errors import InputError
 from anchorpose.joints import ANCHOR_NAMES, JOINT_NAMES, LIMBS, JointState
 from anchorpose.recording.document import validate
-from anchorpose.report.timeline import matched_share
 from anchorpose.results.corrections import (
     Correction,
     Corrections,
@@ -34,7 +33,7 @@ from anchorpose.results.explained import EXPLAINED, ExplainedTable, worst_moment
 from anchorpose.results.frame_table import FrameTable
 from anchorpose.results.frame_time import unbroken_runs, worst_rows
 from anchorpose.results.records import CONTACTS_FILE, Contact, read_contacts
-from anchorpose.results.run_record import RUN_FILE, as_json, read_run
+from anchorpose.results.run_record import RUN_FILE, as_json, matched_share, read_run
 from anchorpose.results.tables import ANCHORS, ANGLES, JOINTS, POSES, AnchorTable, AngleTable, JointTable, PoseTable
 from anchorpose.results.verify import require_own
 from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames

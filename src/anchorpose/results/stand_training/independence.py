@@ -168,7 +168,7 @@ def _extension(session: Session, part: _Part) -> list[Measure]:
     names = {f"{name}_{what}": unit for what, unit in _EXTENSION.items()}
     if not found.is_known.any():
         return [unknown(measure, unit, NOT_KNOWN, part.side) for measure, unit in names.items()]
-    rows = [_row(session, part, f"{name}_time", found, (found.frames, 0.0)), _latency(session, part, found)]
+    rows = [_row(session, part, f"{name}_time", found, _Free(found.frames, 0.0)), _latency(session, part, found)]
     if session.helping is None:
         return rows + [unknown(measure, names[measure], NO_CONTACTS, part.side) for measure in list(names)[2:]]
     rows.append(_row(session, part, f"{name}_hands_off_time", found, _free(session, part, found, session.helping)))
@@ -176,7 +176,7 @@ def _extension(session: Session, part: _Part) -> list[Measure]:
     if session.supports is None:
         return rows + [unknown(measure, names[measure], NO_EQUIPMENT, part.side) for measure in alone]
     free = _free(session, part, found, (*session.helping, *session.supports))
-    runs = runs_of_known(free[0], found.decided, session.joints.time_s)
+    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
     codes = found.codes[found.is_known]
     return [
         *rows,
@@ -220,9 +220,17 @@ def _latency(session: Session, part: _Part, found: _Extended) -> Measure:
     return known(name, "s", value, codes, latency_sigma_s(time_s, float(sigma_s)), part.side)
 
 
-def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> tuple[np.ndarray, float]:
-    """Return (n,) bool: frames in which the part is extended and none of the ``contacts`` with it is reported; and the
-    seconds in which it is uncertain whether a contact existed.
+class _Free(NamedTuple):
+    """The frames in which a part is extended without contact. frames (n,) bool: extended, and no contact is reported;
+    unsure_s: seconds in which it is uncertain whether a contact existed.
+    """
+
+    frames: np.ndarray
+    unsure_s: float
+
+
+def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Contact]) -> _Free:
+    """Return the frames in which the part is extended and has none of the ``contacts``.
 
     A frame is uncertain in three cases: a reported contact that no camera sees may not exist; a contact with an unseen
     part may be missing; a person's hand that is reported beside the part may be on it.
@@ -234,22 +242,19 @@ def _free(session: Session, part: _Part, found: _Extended, contacts: Sequence[Co
     joints = [JOINT_INDEX[name] for name in part.joints]
     hidden = (session.joints.state_code[:, joints] != OBSERVED).any(axis=1)
     unsure = np.where(touched, 1.0 - touch.seen, hidden | beside)
-    return found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum())
+    return _Free(found.frames & ~touched, float((unsure * session.seconds)[found.frames].sum()))
 
 
 OBSERVED: Final = STATE_CODE[JointState.OBSERVED]
 
 
-def _row(
-    session: Session, part: _Part, measure: str, found: _Extended, free: tuple[np.ndarray, float], longest: bool = False
-) -> Measure:
-    """Return a measure: the total time of the frames in ``free`` (see ``_free``), or the time of their longest unbroken
-    bout if ``longest``.
+def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _Free, longest: bool = False) -> Measure:
+    """Return a measure: the total time of the frames of ``free``, or the time of their longest unbroken bout if
+    ``longest``.
     """
-    frames, unsure_s = free
-    runs = runs_of_known(frames, found.decided, session.joints.time_s)
-    value = _longest_s(session, frames, runs) if longest else float(session.seconds[frames].sum())
-    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), unsure_s)))
+    runs = runs_of_known(free.frames, found.decided, session.joints.time_s)
+    value = _longest_s(session, free.frames, runs) if longest else float(session.seconds[free.frames].sum())
+    sigma = float(np.hypot(found.sigma_s, _sigma_s(session, len(runs), free.unsure_s)))
     return known(measure, "s", value, found.codes[found.is_known], sigma, part.side)
 
 
