@@ -22,6 +22,7 @@ from anchorpose.options import ConvertOptions, parse_intrinsics
 from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.sources import image_folder
 from anchorpose.sources.convert import convert, look_at, make_recording, read_conversion
 from anchorpose.sources.plan import can_turn, folder_name, make_plan, turn_image, turn_lens, turn_pose
 from anchorpose.sources.source import SourceCamera, SourceFrame
@@ -112,6 +113,31 @@ def test_a_stopped_conversion_of_a_recorder_s_file_goes_on_to_the_same_bytes(tmp
         with pytest.raises(Killed):
             convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), stop_after(stop))
     assert run(tmp_path / "in", tmp_path / "out").notes == whole.notes
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
+def test_the_progress_of_a_resumed_conversion_moves_from_the_first_image_on(tmp_path):
+    build.plain_folder(tmp_path / "in", noise(6))
+    with pytest.raises(Killed):
+        convert([tmp_path / "in"], tmp_path / "out", GIVEN, stop_after(4))
+    shown = []
+    convert([tmp_path / "in"], tmp_path / "out", GIVEN, lambda done, total: shown.append(done))
+    assert shown == list(range(7))
+
+
+def test_a_resumed_conversion_of_one_file_does_not_read_its_first_images_again(tmp_path, monkeypatch):
+    np.save(tmp_path / "a.npy", noise(6))
+    run(tmp_path / "a.npy", tmp_path / "whole", GIVEN)
+    with pytest.raises(Killed):
+        convert([tmp_path / "a.npy"], tmp_path / "out", GIVEN, stop_after(4))
+    made, read = image_folder._reader, []
+
+    def counted(*given):
+        return lambda position: (read.append(position), made(*given)(position))[1]
+
+    monkeypatch.setattr(image_folder, "_reader", counted)
+    run(tmp_path / "a.npy", tmp_path / "out", GIVEN)
+    assert read == [4, 5]
     assert content(tmp_path / "out") == content(tmp_path / "whole")
 
 

@@ -27,6 +27,7 @@ from anchorpose.recording.regular_file import open_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
+from anchorpose.sources.grey_images import ImageFiles
 from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, json_object, open_source
 from anchorpose.threads import one_thread
@@ -222,15 +223,17 @@ def _write_images(
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
             to_skip = [writer.given for writer in writers]  # images that the stopped conversion has written
-            done += sum(to_skip)
+            frames = source.frames()
+            if isinstance(source, ImageFiles) and source.in_one_file:  # else images left out as damaged shift the count
+                frames, done, to_skip = source.frames(to_skip[0]), done + to_skip[0], [0]
             progress(done, total)
             try:
-                for frame in source.frames():
-                    to_skip[frame.camera] -= 1
-                    if to_skip[frame.camera] >= 0:
-                        continue
-                    grey = turn_image(frame.depth, options.rotate, options.mirror)
-                    writers[frame.camera].write(frame.time_s, grey)
+                for frame in frames:
+                    if to_skip[frame.camera] > 0:
+                        to_skip[frame.camera] -= 1
+                    else:
+                        grey = turn_image(frame.depth, options.rotate, options.mirror)
+                        writers[frame.camera].write(frame.time_s, grey)
                     done += 1
                     progress(done, total)
             except InputError as error:
