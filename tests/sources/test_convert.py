@@ -478,7 +478,7 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
     build.open3d(tmp_path / "walk", noise())
     made = tmp_path / "walk.anchorpose"
     assert look_at(tmp_path / "walk") == (made, False)
-    make_recording(tmp_path / "walk", made, nothing)
+    make_recording(tmp_path / "walk", nothing)
     assert look_at(tmp_path / "walk") == look_at(made) == (made, True)
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
     (tmp_path / "walk.anchorpose" / "notes.txt").write_text("mine")
@@ -497,7 +497,7 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
 def test_a_link_in_the_place_of_the_made_recording_is_refused(tmp_path):
     """It leads to a conversion of another content, which would be made again."""
     build.open3d(tmp_path / "walk", noise())
-    make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
+    make_recording(tmp_path / "walk", nothing)
     (tmp_path / "walk.anchorpose").rename(tmp_path / "mine")
     (tmp_path / "walk.anchorpose").symlink_to(tmp_path / "mine")
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
@@ -511,7 +511,7 @@ def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
     build.open3d(tmp_path / "walk", noise())
     monkeypatch.setattr("anchorpose.sources.convert.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="anchorpose convert walk OUT"):
-        make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
+        make_recording(tmp_path / "walk", nothing)
 
 
 def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp_path):
@@ -520,7 +520,7 @@ def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp
     (tmp_path / "archive").chmod(0o555)
     try:
         with pytest.raises(InputError, match="cannot be written"):
-            make_recording(tmp_path / "archive" / "walk", look_at(tmp_path / "archive" / "walk")[0], nothing)
+            make_recording(tmp_path / "archive" / "walk", nothing)
         assert content(tmp_path) == before
     finally:
         (tmp_path / "archive").chmod(0o755)
