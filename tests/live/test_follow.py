@@ -41,7 +41,7 @@ def live():
     scenes = tuple(SimpleNamespace(camera=camera, background=model) for camera in CAMERAS)
     clocks = SimpleNamespace(clocks=(Clock(), Clock(ahead_s=0.5)))
     room = SimpleNamespace(recording=SimpleNamespace(cameras=CAMERAS), clocks=clocks, scenes=scenes)
-    patient = SimpleNamespace(prepared=SimpleNamespace(run=SimpleNamespace(room=room)))
+    patient = SimpleNamespace(run=SimpleNamespace(room=room))
     return LiveFollower(patient, None, Collecting(), None, with_labels=False, latency=LatencyMeter())
 
 

@@ -22,6 +22,7 @@ from anchorpose.options import ConvertOptions, parse_intrinsics
 from anchorpose.recording.document import read_document
 from anchorpose.recording.reader import open_recording
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
+from anchorpose.sources import image_folder
 from anchorpose.sources.convert import convert, look_at, make_recording, read_conversion
 from anchorpose.sources.plan import can_turn, folder_name, make_plan, turn_image, turn_lens, turn_pose
 from anchorpose.sources.source import SourceCamera, SourceFrame
@@ -112,6 +113,31 @@ def test_a_stopped_conversion_of_a_recorder_s_file_goes_on_to_the_same_bytes(tmp
         with pytest.raises(Killed):
             convert([tmp_path / "in"], tmp_path / "out", ConvertOptions(), stop_after(stop))
     assert run(tmp_path / "in", tmp_path / "out").notes == whole.notes
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
+
+
+def test_the_progress_of_a_resumed_conversion_moves_from_the_first_image_on(tmp_path):
+    build.plain_folder(tmp_path / "in", noise(6))
+    with pytest.raises(Killed):
+        convert([tmp_path / "in"], tmp_path / "out", GIVEN, stop_after(4))
+    shown = []
+    convert([tmp_path / "in"], tmp_path / "out", GIVEN, lambda done, total: shown.append(done))
+    assert shown == list(range(7))
+
+
+def test_a_resumed_conversion_of_one_file_does_not_read_its_first_images_again(tmp_path, monkeypatch):
+    np.save(tmp_path / "a.npy", noise(6))
+    run(tmp_path / "a.npy", tmp_path / "whole", GIVEN)
+    with pytest.raises(Killed):
+        convert([tmp_path / "a.npy"], tmp_path / "out", GIVEN, stop_after(4))
+    made, read = image_folder._reader, []
+
+    def counted(*given):
+        return lambda position: (read.append(position), made(*given)(position))[1]
+
+    monkeypatch.setattr(image_folder, "_reader", counted)
+    run(tmp_path / "a.npy", tmp_path / "out", GIVEN)
+    assert read == [4, 5]
     assert content(tmp_path / "out") == content(tmp_path / "whole")
 
 
@@ -452,7 +478,7 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
     build.open3d(tmp_path / "walk", noise())
     made = tmp_path / "walk.anchorpose"
     assert look_at(tmp_path / "walk") == (made, False)
-    make_recording(tmp_path / "walk", made, nothing)
+    make_recording(tmp_path / "walk", nothing)
     assert look_at(tmp_path / "walk") == look_at(made) == (made, True)
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
     (tmp_path / "walk.anchorpose" / "notes.txt").write_text("mine")
@@ -471,7 +497,7 @@ def test_a_verb_converts_once_and_again_where_the_file_changed(tmp_path):
 def test_a_link_in_the_place_of_the_made_recording_is_refused(tmp_path):
     """It leads to a conversion of another content, which would be made again."""
     build.open3d(tmp_path / "walk", noise())
-    make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
+    make_recording(tmp_path / "walk", nothing)
     (tmp_path / "walk.anchorpose").rename(tmp_path / "mine")
     (tmp_path / "walk.anchorpose").symlink_to(tmp_path / "mine")
     build.open3d(tmp_path / "walk", noise(seed=5, frames=3))
@@ -485,7 +511,7 @@ def test_a_file_in_a_folder_that_cannot_be_written(tmp_path, monkeypatch):
     build.open3d(tmp_path / "walk", noise())
     monkeypatch.setattr("anchorpose.sources.convert.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="anchorpose convert walk OUT"):
-        make_recording(tmp_path / "walk", look_at(tmp_path / "walk")[0], nothing)
+        make_recording(tmp_path / "walk", nothing)
 
 
 def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp_path):
@@ -494,7 +520,7 @@ def test_a_folder_marked_as_read_only_is_left_alone_even_by_an_administrator(tmp
     (tmp_path / "archive").chmod(0o555)
     try:
         with pytest.raises(InputError, match="cannot be written"):
-            make_recording(tmp_path / "archive" / "walk", look_at(tmp_path / "archive" / "walk")[0], nothing)
+            make_recording(tmp_path / "archive" / "walk", nothing)
         assert content(tmp_path) == before
     finally:
         (tmp_path / "archive").chmod(0o755)

@@ -14,7 +14,7 @@ pytest.importorskip("rosbags")
 from bags_builder import FORMATS, SIZE, Sent, depth_bag, depth_values, expected, image_of, write_bag
 
 from anchorpose.errors import InputError, MissingPackage
-from anchorpose.sources.bag_file import open_bag
+from anchorpose.sources.bag_file import files_of, open_bag
 from anchorpose.sources.ros_bags import open_source
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -120,6 +120,13 @@ def test_the_files_of_a_folder_are_read_by_their_numbers(tmp_path: Path) -> None
         write_bag(tmp_path / str(k), "db3", sent).rename(folder / f"bag_{k}.db3")
     frames, _ = read_all(folder)
     assert [frame.time_s for frame in frames] == [2.0, 9.0, 10.0]
+
+
+def test_names_that_begin_with_a_number_come_before_names_that_begin_with_letters(tmp_path: Path) -> None:
+    names = ["2.mcap", "10_walk.db3", "bag_3.db3", "bag_20.mcap", "bag_x.db3"]
+    for name in reversed(names):
+        (tmp_path / name).touch()
+    assert [path.name for path in files_of(tmp_path)] == names
 
 
 @pytest.mark.parametrize("form", ["ros1", "db3", "mcap"])

@@ -45,6 +45,12 @@ def test_rectified_images_have_the_projection_and_no_distortion() -> None:
     lens = lens_of(INFO, rectified=True).intrinsics
     assert (lens.fx, lens.fy, lens.cx, lens.cy) == (480.0, 490.0, 310.0, 230.0)
     assert not any(lens.distortion)
+    assert lens_of(replace(INFO, D=(float("nan"),) * 5), rectified=True).intrinsics == lens
+
+
+def test_the_shortest_focal_length_is_that_of_the_full_image() -> None:
+    binned = replace(INFO, K=(1.5, *INFO.K[1:]), binning=(2, 2))
+    assert lens_of(binned, rectified=False).intrinsics.fx == 0.75
 
 
 def test_a_region_of_joined_pixels_sees_along_the_same_rays() -> None:

@@ -45,7 +45,7 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
     if ready:
         return recording
     with noting_how_to_go_on(recording), watcher.working(f"Converting {path.name}", at_once=False) as progress:
-        notes = make_recording(path, recording, progress)
+        notes = make_recording(path, progress)
     for note in notes:
         watcher.note(f"- {note}")
     return recording

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -78,17 +78,6 @@ class ViewOptions(PageOptions):
         elif self.rater:
             raise AnchorposeError("--rater belongs to the page for raters; add --rate.")
 
-    def serve(self, server: ReviewServer, what: str, kind: str, file: Path, kept: str) -> None:
-        """Serve a page until Ctrl+C. what: the page's name in messages; kind: "corrections" or "scores", which go to
-        ``file``; kept: clause that states when they were saved.
-        """
-        try:
-            with self.showing(server.address, what, f"see the patient and change the {kind}"):
-                say(f"{kind.capitalize()} go to {file}. Stop with Ctrl+C.")
-                server.serve_forever()
-        except KeyboardInterrupt:
-            say(f"Stopped; {kept}.")
-
 
 def view(
     results: Path,
@@ -122,12 +111,30 @@ def view(
     recording = None if recording is None else as_recording(recording, OnConsole())
     if given.rate:
         with open_rating(results, recording, given.rater, given.host, given.port) as server:
-            kept = "every score was saved when it was given; the same command goes on"
-            given.serve(server, "The page for raters", "scores", server.api.scores.path, kept)
+            _serve(
+                server,
+                given.showing(server.address, "The page for raters", "see the patient and change the scores"),
+                f"Scores go to {server.api.scores.path}. Stop with Ctrl+C.",
+                "Stopped; every score was saved when it was given; the same command goes on.",
+            )
         return
     with open_viewer(results, recording, given.corrections, given.who, given.host, given.port) as server:
-        kept = "every correction was saved when it was made"
-        given.serve(server, "The viewer", "corrections", server.api.corrections.path, kept)
+        _serve(
+            server,
+            given.showing(server.address, "The viewer", "see the patient and change the corrections"),
+            f"Corrections go to {server.api.corrections.path}. Stop with Ctrl+C.",
+            "Stopped; every correction was saved when it was made.",
+        )
+
+
+def _serve(server: ReviewServer, showing: AbstractContextManager[None], began: str, stopped: str) -> None:
+    """Serve a page until Ctrl+C. began and stopped: sentences that are printed at the beginning and at the end."""
+    try:
+        with showing:
+            say(began)
+            server.serve_forever()
+    except KeyboardInterrupt:
+        say(stopped)
 
 
 @Parameter(name="*")

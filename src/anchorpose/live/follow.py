@@ -94,7 +94,7 @@ class LiveFollower:
 
     def take(self, live_set: LiveSet, live: bool) -> None:
         """Track an image set. live: whether it is the newest set; only then joints are sent and the latency counts."""
-        room = self.patient.prepared.run.room
+        room = self.patient.run.room
         frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)
         self._step(frame_set, live_set.taken_s, live, live_set.skipped if live else 0)
 
@@ -127,7 +127,7 @@ class LiveFollower:
         self._taken_s[self._last_frame] = taken_s
         self._tracked += 1
         numbered = replace(frame_set, frame=self._last_frame, position=self._tracked)
-        numbered = without_other_places(numbered, self.patient.prepared.run.room.scenes)
+        numbered = without_other_places(numbered, self.patient.run.room.scenes)
         self._pass_on(self.follower.step(numbered), live, dropped)
 
     def _pass_on(self, estimates: Iterator[Estimate], live: bool, dropped: int = 0) -> None:
@@ -153,7 +153,7 @@ class LiveFollower:
                 self.latency.add(frame.latency_s, dropped)
                 dropped = 0
             labels = label_pictures(estimate.frame_set, estimate.observation) if self.with_labels else ()
-            record = record_of(estimate, self.body, self.patient.prepared.run)
+            record = record_of(estimate, self.body, self.patient.run)
             self._touch(record)
             self._kept.append(TrackedFrame(record, labels))
             if len(self._kept) == BLOCK:
@@ -164,7 +164,7 @@ class LiveFollower:
         not delayed; the contacts are sent with the next frame.
         """
         if self._contacts is None:
-            run = self.patient.prepared.run
+            run = self.patient.run
             parts = run.room.recording.part_names
             self._contacts = ContactIntervals(region_of_points(body_points()), run.config.contacts, parts)
         for _ in self._contacts.push(record.joints.frame, record.joints.time_s, record.near, record.gaps):

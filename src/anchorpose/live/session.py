@@ -70,11 +70,11 @@ def track_live(
     try:
         with one_thread(), worker_threads(min(MOST_THREADS, os.cpu_count() or 1)):
             prepared, backlog = session.prepare()
-            patients = session.follow(session.begin(prepared), backlog)
+            followers = session.follow(session.begin(prepared), backlog)
             session.outputs.close()
             intake.stop()
             _stop(inlet)
-            session.write(results, patients, recorder)
+            session.write(results, followers, recorder)
     except BaseException as error:
         store.end_early(str(error) if isinstance(error, Exception) else "it was stopped")
         raise
@@ -147,30 +147,30 @@ class _Session:
 
     def follow(self, first: LiveFollower, backlog: Backlog) -> list[LiveFollower]:
         """Track every newest frame until the end; return the followers of all patients, in order."""
-        patients = [first]
+        followers = [first]
         self._catch_up(first, backlog)
         began_s = reported_s = time.monotonic()
         until_s = np.inf if self.options.seconds is None else began_s + self.options.seconds
         while not self.user.stop.is_set() and time.monotonic() < until_s:
-            if (number := self.user.asked()) is not None and (new := self._change_patient(patients[-1], number)):
-                patients.append(new)
+            if (number := self.user.asked()) is not None and (new := self._change_patient(followers[-1], number)):
+                followers.append(new)
             found = self.intake.feed.take(PATIENCE_S)
             if found is not None:
-                patients[-1].take(found, live=True)
+                followers[-1].take(found, live=True)
             elif not self.intake.running:
                 break
             if time.monotonic() - reported_s > REPORT_S:
                 reported_s = time.monotonic()
                 self._report()
-        patients[-1].finish()
-        return patients
+        followers[-1].finish()
+        return followers
 
-    def write(self, results: Path, patients: Sequence[LiveFollower], recorder: Recorder | None) -> None:
+    def write(self, results: Path, followers: Sequence[LiveFollower], recorder: Recorder | None) -> None:
         """Write the results of all patients, with notes on the session's latency and failures."""
         self.user.say("Writing the results.")
         recorded = _finish(recorder, self.intake)
         notes = (f"tracked live: {self.latency.sentence}", *self.outputs.failed, *self.intake.failed)
-        write_patients(results, [one.patient for one in patients], recorded, notes)
+        write_patients(results, [one.patient for one in followers], recorded, notes)
 
     def _catch_up(self, follower: LiveFollower, backlog: Backlog) -> None:
         """Track the images that arrived while the first seconds were analysed."""
@@ -183,7 +183,7 @@ class _Session:
         """Return the person with this number as the new patient, whose body is learnt from newly recorded first
         seconds. If this fails, return None; the present patient is then still followed.
         """
-        room, patient = before.patient.prepared.run.room, before.patient.number + 1
+        room, patient = before.patient.run.room, before.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}
         try:
             if number not in places:

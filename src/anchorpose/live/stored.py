@@ -48,6 +48,11 @@ class LivePatient:
     blocks: Blocks[TrackedFrame]
 
     @property
+    def run(self) -> Run:
+        """Return the room and the settings with which the patient is followed."""
+        return self.prepared.run
+
+    @property
     def first_frame(self) -> int | None:
         """Return the number of the first stored frame, None without frames."""
         return next((one.record.joints.frame for one in self.blocks.read()), None)
@@ -73,7 +78,7 @@ def write_patients(results: Path, patients: Sequence[LivePatient], recorded: Pat
 
 
 def _write(results: Path, patient: LivePatient, recorded: Path | None, notes: Sequence[str]) -> None:
-    run, learnt, inputs = patient.prepared.run, patient.prepared.learnt, patient.prepared.inputs
+    run, learnt, inputs = patient.run, patient.prepared.learnt, patient.prepared.inputs
     room = run.room
     if recorded is not None:
         try:

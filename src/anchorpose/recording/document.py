@@ -213,12 +213,17 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
-    """Read the text of a file in UTF-8; raises InputError if the file cannot be read or is not UTF-8."""
+def read_content(path: Path, largest_bytes: int = LARGEST_BYTES) -> bytes:
+    """Read a file; raises InputError if the file cannot be read."""
     if not is_there(path):
         raise InputError(path, "there is no such file", "check the path")
+    return read_whole(path, largest_bytes, "give the right file, and check its permissions")
+
+
+def read_text(path: Path, largest_bytes: int = LARGEST_BYTES) -> str:
+    """Read the text of a file in UTF-8; raises InputError if the file cannot be read or is not UTF-8."""
     try:
-        return read_whole(path, largest_bytes, "give the right file, and check its permissions").decode("utf-8-sig")
+        return read_content(path, largest_bytes).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(path, "is not text in UTF-8", "save it again as UTF-8") from None
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -21,7 +22,6 @@ from typing import Any, BinaryIO, Final
 
 from anchorpose.errors import InputError, MissingPackage
 from anchorpose.recording.regular_file import open_regular, require_regular
-from anchorpose.sources.grey_images import natural_order
 
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -76,7 +76,7 @@ class BagFile(ABC):
             raise InputError(path, f"the bag is damaged: {_damaged(error)}", self.repair) from error
 
     @property
-    def channels(self) -> list[tuple[Channel, int | None]]:
+    def counted_channels(self) -> list[tuple[Channel, int | None]]:
         """Return the channel of each publisher, and its number of messages; None if they can be counted only by reading
         the whole file.
         """
@@ -262,7 +262,7 @@ class Bag:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """Return all topics, one channel per topic, even if several publishers use the topic."""
-        return tuple(dict.fromkeys(channel for file in self._files for channel, _ in file.channels))
+        return tuple(dict.fromkeys(channel for file in self._files for channel, _ in file.counted_channels))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -271,7 +271,7 @@ class Bag:
 
     def count(self, topic: str) -> int | None:
         """Return the number of messages of a topic in all files; None if counting requires reading a whole file."""
-        counts = [count for file in self._files for channel, count in file.channels if channel.topic == topic]
+        counts = [count for file in self._files for channel, count in file.counted_channels if channel.topic == topic]
         return None if None in counts else sum(count or 0 for count in counts)
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
@@ -306,7 +306,11 @@ def _open_file(path: Path) -> BagFile:
 def files_of(folder: Path) -> tuple[Path, ...]:
     """Return the bags of a ROS 2 folder, sorted by the numbers in their names, which have no leading zeros."""
     files = (path for path in folder.iterdir() if path.name.endswith(_ENDINGS) and path.is_file())
-    return tuple(sorted(files, key=natural_order))
+
+    def order(path: Path) -> tuple[tuple[int, str], ...]:
+        return tuple((int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", path.name))
+
+    return tuple(sorted(files, key=order))
 
 
 def _kind(name: str) -> str:

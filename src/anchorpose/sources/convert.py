@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from filelock import FileLock, Timeout
 
@@ -27,6 +27,7 @@ from anchorpose.recording.regular_file import open_regular
 from anchorpose.recording.writable import check_place, new_folder
 from anchorpose.results.folder import write_text_whole
 from anchorpose.results.run_record import hash_files
+from anchorpose.sources.grey_images import ImageFiles
 from anchorpose.sources.plan import CameraPlan, CameraWriter, Plan, make_plan, turn_image
 from anchorpose.sources.source import Source, find_reader, json_object, open_source
 from anchorpose.threads import one_thread
@@ -222,15 +223,17 @@ def _write_images(
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
             to_skip = [writer.given for writer in writers]  # images that the stopped conversion has written
-            done += sum(to_skip)
+            frames = source.frames()
+            if isinstance(source, ImageFiles) and source.in_one_file:  # else images left out as damaged shift the count
+                frames, done, to_skip = source.frames(to_skip[0]), done + to_skip[0], [0]
             progress(done, total)
             try:
-                for frame in source.frames():
-                    to_skip[frame.camera] -= 1
-                    if to_skip[frame.camera] >= 0:
-                        continue
-                    grey = turn_image(frame.depth, options.rotate, options.mirror)
-                    writers[frame.camera].write(frame.time_s, grey)
+                for frame in frames:
+                    if to_skip[frame.camera] > 0:
+                        to_skip[frame.camera] -= 1
+                    else:
+                        grey = turn_image(frame.depth, options.rotate, options.mirror)
+                        writers[frame.camera].write(frame.time_s, grey)
                     done += 1
                     progress(done, total)
             except InputError as error:
@@ -282,40 +285,53 @@ def _json(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-def look_at(path: Path) -> tuple[Path, bool]:
-    """Find the recording to use for the path that a user gave; return its path, and whether it is ready: False if it
-    must be made first. It is the path itself if the path is a recording, or if no reader recognises it
-    (``open_recording`` then reports the problem). Otherwise it is the path's conversion, which lies beside the path.
+class FoundRecording(NamedTuple):
+    """The recording to use for a path that a user gave. ready: False if it must be made first."""
+
+    recording: Path
+    ready: bool
+
+
+def look_at(path: Path) -> FoundRecording:
+    """Find the recording to use for the path that a user gave. It is the path itself if the path is a recording, or if
+    no reader recognises it (``open_recording`` then reports the problem). Otherwise it is the path's conversion, which
+    lies beside the path.
 
     An earlier conversion beside the path that was made from other content or by another version is removed. Raises
     InputError if files in that conversion were added or changed since, or if the conversion's name is taken by a link,
     or by a file or folder that is not a conversion.
     """
     if not path.exists() or (path / RECORDING_FILE).exists() or find_reader(path) is None:
-        return path, True
-    recording = path.resolve().with_name(path.resolve().name + ENDING)
+        return FoundRecording(path, True)
+    recording = _beside(path)
     if recording.is_symlink():
         raise InputError(recording, "is in the way and is a link", "rename it, or use 'anchorpose convert'")
     if not recording.is_dir() or not any(recording.iterdir()):
-        return recording, False
+        return FoundRecording(recording, False)
     found = read_conversion(recording)
     if found is None:
         raise InputError(
             recording, "is in the way and was not made by anchorpose", "rename it, or use 'anchorpose convert'"
         )
     if is_same(found, conversion_document([path], ConvertOptions())):
-        return recording, (recording / RECORDING_FILE).exists()
+        return FoundRecording(recording, (recording / RECORDING_FILE).exists())
     if not is_untouched(recording):
         problem = f"was made from another {path.name} or by another anchorpose, and has later additions or changes"
         raise InputError(recording, problem, "rename or remove it")
     shutil.rmtree(recording)
-    return recording, False
+    return FoundRecording(recording, False)
 
 
-def make_recording(path: Path, recording: Path, progress: Progress) -> tuple[str, ...]:
+def _beside(path: Path) -> Path:
+    """Return the path of the recording that is made from a path."""
+    return path.resolve().with_name(path.resolve().name + ENDING)
+
+
+def make_recording(path: Path, progress: Progress) -> tuple[str, ...]:
     """Convert a path into a recording beside it; return notes. Raises InputError if the folder may not be written: even
     administrators do not write into a folder that is marked as read-only.
     """
+    recording = _beside(path)
     folder = recording.parent
     marked = os.name == "posix" and not folder.stat().st_mode & 0o222
     if marked or not os.access(folder, os.W_OK):

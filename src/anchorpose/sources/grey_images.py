@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from statistics import median_low
 from typing import Final
@@ -75,9 +76,16 @@ class ImageFiles:
         damaged = f"Damaged depth images that were left out: {len(self._left_out)}; the first, {first}, {problem}."
         return (*self._notes, damaged)
 
-    def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images in order; raises InputError if a file with all images ends before the last image."""
-        for position, file in enumerate(self._files):
+    @property
+    def in_one_file(self) -> bool:
+        """Return whether all images are parts of one file; none of them is then left out as damaged."""
+        return self._files[0].path == self._files[-1].path
+
+    def frames(self, first: int = 0) -> Iterator[SourceFrame]:
+        """Yield the depth images in order, from the position ``first`` on. Raises InputError if a file with all images
+        ends before the last image.
+        """
+        for position, file in islice(enumerate(self._files), first, None):
             grey, problem = self._read(position)
             if grey is None:
                 self._left_out[file.path.name] = problem

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -287,8 +286,11 @@ class Streams:
 def readable(bag: Bag, topic: str, read: Callable[[Message], T]) -> Iterator[T]:
     """Yield the content of each message of a topic; damaged messages are left out."""
     for message in bag.messages((topic,)):
-        with suppress(DamagedBag):
-            yield read(message)
+        try:
+            content = read(message)
+        except DamagedBag:
+            continue
+        yield content
 
 
 def first(bag: Bag, topic: str, read: Callable[[Message], T]) -> T | None:

@@ -5,7 +5,7 @@ the ``CameraInfo`` that describes the images on the best topic.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -225,7 +225,8 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
         return Lens(None, "its images are rectified, but their projection P is missing")
     else:
         focal_centre = info.K[0], info.K[4], info.K[2], info.K[5]
-    return lens_with(_of_part(info, *focal_centre), () if rectified else info.D, info.model)
+    lens = lens_with(focal_centre, () if rectified else info.D, info.model)
+    return lens if lens.intrinsics is None else Lens(_of_part(info, lens.intrinsics))
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
@@ -247,16 +248,16 @@ def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, .
     return Lens(Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy, distortion=D, model=known))
 
 
-def _of_part(info: CameraInfo, fx: float, fy: float, cx: float, cy: float) -> tuple[float, float, float, float]:
-    """Convert fx, fy, cx, cy of the full image to the values for the published images, which may show only a region of
-    the full image, with binned pixels.
+def _of_part(info: CameraInfo, full: Intrinsics) -> Intrinsics:
+    """Convert the lens of the full image to the lens of the published images, which may show only a region of the full
+    image, with binned pixels.
 
     Half pixels are added because the centre of a binned pixel lies between the centres of its parts.
     """
     column, row, _, _ = info.roi
     across, down = _binning(info)
-    centre_x, centre_y = (cx - column + 0.5) / across - 0.5, (cy - row + 0.5) / down - 0.5
-    return fx / across, fy / down, centre_x, centre_y
+    cx, cy = (full.cx - column + 0.5) / across - 0.5, (full.cy - row + 0.5) / down - 0.5
+    return replace(full, fx=full.fx / across, fy=full.fy / down, cx=cx, cy=cy)
 
 
 def _binning(info: CameraInfo) -> tuple[int, int]:

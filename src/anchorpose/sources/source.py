@@ -229,7 +229,9 @@ def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
     Of a ZED camera, an .svo2 file is an MCAP file that states its writer; an .svo file is recognised only by its name.
     """
     named = path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
-    if b"stereolabs" in head[:256] if head.startswith(b"\x89MCAP0\r\n") else named:
+    is_mcap = head.startswith(b"\x89MCAP0\r\n")
+    is_zed = b"stereolabs" in head[:256] if is_mcap else named
+    if is_zed:
         return (
             "is a ZED recording (.svo), which holds two colour videos and no depth",
             "export depth as 16-bit PNG with Stereolabs' ZED SDK (its SVO export sample), and convert their folder",

@@ -10,7 +10,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from anchorpose.errors import InputError
-from anchorpose.recording.document import read_text, require_distinct
+from anchorpose.recording.document import read_content, require_distinct
 from anchorpose.recording.regular_file import LARGEST_TABLE
 from anchorpose.sync.streams import OtherFile, Stream, checked
 
@@ -26,21 +26,24 @@ def read_csv(path: Path, time_column: str | None = None) -> OtherFile:
 
     Empty cells, NaN, NA and n/a count as missing values. Raises InputError naming the file and the remedy.
     """
-    text = read_text(path, LARGEST_TABLE)
-    head = _head(path, text)
+    content = read_content(path, LARGEST_TABLE)
+    head = _head(path, content)
     time_name = time_column or next((name for name in TIME_COLUMNS if name in head), None)
     if time_name is None or time_name not in head:
         raise InputError(path, f"has no column {time_name or 'time_s'}", "name the column of the times with --time")
     channels = tuple(name for name in head if name != time_name)
     if not channels:
         raise InputError(path, "has no column beside its times", REMEDY)
-    table = _table(path, text, head)
+    table = _table(path, content, head)
     values = np.stack([_column(table, name) for name in channels], axis=1)
     return OtherFile(path, (checked(path, Stream("", _column(table, time_name), channels, values)),))
 
 
-def _head(path: Path, text: str) -> list[str]:
-    first = text[: 1 << 20].split("\n", 1)[0]
+def _head(path: Path, content: bytes) -> list[str]:
+    try:
+        first = content[: 1 << 20].split(b"\n", 1)[0].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(path, "is not text in UTF-8", REMEDY) from None
     head = [name.strip().strip('"') for name in first.rstrip("\r").split(",")]
     if not first.rstrip("\r").replace("\t", "").isprintable():
         raise InputError(path, "is not a CSV file", REMEDY)
@@ -50,10 +53,10 @@ def _head(path: Path, text: str) -> list[str]:
     return head
 
 
-def _table(path: Path, text: str, head: list[str]) -> pa.Table:
+def _table(path: Path, content: bytes, head: list[str]) -> pa.Table:
     try:
         return csv.read_csv(
-            pa.BufferReader(text.encode()),
+            pa.BufferReader(content),
             read_options=csv.ReadOptions(column_names=head, skip_rows=1, use_threads=False),
             convert_options=csv.ConvertOptions(
                 column_types=dict.fromkeys(head, pa.float64()), null_values=MISSING, strings_can_be_null=True

@@ -44,7 +44,7 @@ def recorded_pulses(path: Path, results: Path, joints: JointTable, column: str, 
 
 def _events(path: Path, kind: str | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts (p,) and the known ends (q,) in an events.tsv, of the rows with one trial_type or of all
-    rows.
+    rows. The file is read by the same rules as a recording's own events.tsv, so cells may have quotes around them.
     """
     lines = [cells for _, cells in read_rows(path, delimiter="\t")]
     head = lines[0] if lines else []
