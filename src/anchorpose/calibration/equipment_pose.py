@@ -105,15 +105,15 @@ class PartEvidence:
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
-def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence | None:
+def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
     counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background. The result is None if the equipment is outside the depth image.
+    pixels of a bar often read the background. All areas are 0 if the equipment is outside the depth image.
     """
-    prediction = predict(view.camera, equipment, fit.T_camera_model)
+    prediction, parts = predict(view.camera, equipment, fit.T_camera_model), equipment.caster.part_count
     if prediction is None:
-        return None
-    rendering, parts = prediction.rendering, equipment.caster.part_count
+        return _nothing_in_image(parts)
+    rendering = prediction.rendering
     row, column = np.nonzero(rendering.part >= 0)
     facing = incidence(view.camera, rendering, row, column)[2] > LEAST_COSINE
     row, column = row[facing], column[facing]
@@ -145,6 +145,11 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
         filled_share=filled,
         outlined_share=outlined,
     )
+
+
+def _nothing_in_image(parts: int) -> PartEvidence:
+    nothing = np.zeros(parts)
+    return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
@@ -277,8 +282,7 @@ def _refined(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | None:
     fit = refine(view, equipment, start, prior)
-    evidence = None if fit is None else gather_evidence(view, equipment, fit, config.tolerance_m)
-    return None if fit is None or evidence is None else EquipmentPose(fit, evidence)
+    return None if fit is None else EquipmentPose(fit, gather_evidence(view, equipment, fit, config.tolerance_m))
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
