@@ -165,7 +165,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
     return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)
 
 
-def judge(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
+def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
     """Return why the pose is rejected; None if it is accepted. names: one per part of the equipment."""
     evidence = pose.evidence
     if evidence.seen_share < LEAST_SEEN:
@@ -259,7 +259,7 @@ def find_equipment(
     for floor_m in _floor_heights(equipment):
         fits += _fits(view, equipment, floor_m, config)
     fits.sort(key=lambda pose: -pose.evidence.score_m2)
-    good = [pose for pose in fits if judge(pose, equipment.names) is None]
+    good = [pose for pose in fits if why_rejected(pose, equipment.names) is None]
     if not good or good[0].evidence.score_m2 < LEAST_LEAD * fits[0].evidence.score_m2:
         return _reason(fits, equipment)
     rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > RIVAL * good[0].evidence.score_m2]
@@ -275,7 +275,8 @@ def refit(
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
-    return judge(pose, equipment.names) or pose
+    rejected = why_rejected(pose, equipment.names)
+    return pose if rejected is None else rejected
 
 
 def _refined(
@@ -312,8 +313,10 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
-    found = judge(likely, equipment.names) or NoEquipmentPose(NoPose.AMBIGUOUS)
-    return NoEquipmentPose(NoPose.NOT_SEEN) if found.why is NoPose.FILLED else found
+    rejected = why_rejected(likely, equipment.names)
+    if rejected is None:
+        return NoEquipmentPose(NoPose.AMBIGUOUS)
+    return NoEquipmentPose(NoPose.NOT_SEEN) if rejected.why is NoPose.FILLED else rejected
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:
