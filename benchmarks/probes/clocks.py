@@ -16,6 +16,7 @@ from probe import Row, Scene, answer
 from anchorpose.calibration.clocks import ClockConfig, Clocks, estimate_clocks
 from anchorpose.calibration.first_frames import level_of_pose
 from anchorpose.camera import Camera
+from anchorpose.recording.depth_image import FRAMES_KEPT
 from anchorpose.results.uncertainty import NORMAL_95
 from anchorpose.simulate.clinic import Clinic, draw_clinic, random_stream
 from anchorpose.simulate.config import SimulationConfig
@@ -27,7 +28,9 @@ from anchorpose.simulate.write import Record, draw_record
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LazyClinic:
-    """A clinic's images by camera and position, rendered when they are read."""
+    """A clinic's images by camera and position, rendered when they are read. reads: camera and position of each image
+    that ``RecordedFrames`` would read from the disk, since it keeps the latest ``FRAMES_KEPT`` images in memory.
+    """
 
     clinic: Clinic
     cameras: tuple[Camera, ...]
@@ -35,7 +38,7 @@ class LazyClinic:
     wiggles_m: tuple[np.ndarray, ...]
     records: tuple[Record, ...]
     rendered: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
-    read_images: set[tuple[int, int]] = field(default_factory=set)
+    reads: list[tuple[int, int]] = field(default_factory=list)
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:
@@ -44,9 +47,10 @@ class LazyClinic:
 
     def read(self, camera: int, position: int) -> np.ndarray:
         """Return the depth image (height, width) at a position in a camera's stream, float32 metres."""
+        if (camera, position) not in self.reads[-FRAMES_KEPT:]:
+            self.reads.append((camera, position))
         record = self.records[camera]
         number = int(record.shown[np.flatnonzero(record.kept)[position]])
-        self.read_images.add((camera, number))
         if (camera, number) not in self.rendered:
             self.rendered[camera, number] = self._render(camera, number)
         return self.rendered[camera, number].astype(np.float32) * np.float32(0.001)
@@ -77,16 +81,16 @@ def measure(scene: Scene) -> Iterator[Row]:
     config, known = scene.simulated, lazy_clinic(scene.simulated)
     levels = [level_of_pose(camera.require_pose()) for camera in known.cameras]
     cameras = tuple(replace(camera, T_world_camera=None) for camera in known.cameras)
-    blind = replace(known, cameras=cameras, read_images=set())
+    blind = replace(known, cameras=cameras, reads=[])
     for part, seen in (("poses known", known), ("poses unknown", blind)):
         clocks = estimate_clocks(seen, levels, ClockConfig())
         for camera in range(1, config.cameras):
-            yield part, _scores(config, clocks, camera, len(seen.read_images))
+            yield part, _scores(config, clocks, camera, len(seen.reads))
 
 
 def _scores(config: SimulationConfig, clocks: Clocks, camera: int, frames_read: int) -> dict[str, float]:
     """Return the errors of one clock; no errors of a clock that was kept without an estimate. frames_read: number of
-    depth images that the estimate of all clocks has read.
+    depth images that the estimate of all clocks has read, repeated reads included.
     """
     found = clocks.cameras[camera]
     if found.doubt is not None:

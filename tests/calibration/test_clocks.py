@@ -8,7 +8,7 @@ from moving_room import FRONT, LEFT, MovingRoom, shown_s, standing
 from room_builder import unposed
 
 from anchorpose.calibration import clocks
-from anchorpose.calibration.clock_lags import MotionSignal, PairLag, RoughLag, motion_signal, signal_lags
+from anchorpose.calibration.clock_lags import LEAST_PEAK, MotionSignal, PairLag, RoughLag, motion_signal, signal_lags
 from anchorpose.calibration.clock_surfaces import make_clip, surface_lag
 from anchorpose.calibration.clocks import ClockConfig, ClockSource, NoClock, clock_notes, estimate_clocks, fit_clocks
 from anchorpose.calibration.first_frames import level_of_pose
@@ -63,7 +63,7 @@ def test_signals_give_the_lag_without_any_pose(room):
     ]
     best, *others = signal_lags(*signals, 0.0, 2.0)
     assert best.lag_s == pytest.approx(AHEAD_S, abs=0.06)
-    assert all(best.peak > other.peak for other in others)
+    assert best.peak > LEAST_PEAK > max(other.peak for other in others)
 
 
 def test_a_signal_agrees_with_itself_where_it_was_shifted_to():

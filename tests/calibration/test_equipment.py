@@ -8,6 +8,7 @@ import pytest
 from clinic_builder import bare, shoot
 from room_builder import NOISE_PER_M, ROOM, body, camera_at, picture, pillar, unposed
 
+from anchorpose.calibration import equipment_pose
 from anchorpose.calibration.calibration import PoseSource
 from anchorpose.calibration.equipment_agreement import share_seen_through
 from anchorpose.calibration.equipment_model import EquipmentCaster, find_symmetry, prepare_equipment, sample_equipment
@@ -28,6 +29,7 @@ from anchorpose.calibration.world import find_world
 from anchorpose.camera import invert_rigid, transform_points
 from anchorpose.errors import InputError
 from anchorpose.recording.equipment import Box, Cylinder, EquipmentModel, Mesh
+from anchorpose.rotations import rigid
 from anchorpose.simulate.config import SimulationConfig
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -172,6 +174,14 @@ def test_pixels_that_see_through_a_bar_count_only_where_no_pixel_beside_them_sho
     fit = Refined(invert_rigid(place.T_world_camera), np.eye(6), 0.0, 0.0, 0.0)
     evidence = gather_evidence(view, prepare_equipment(BARS), fit, EquipmentPoseConfig().tolerance_m)
     assert evidence.through_share == pytest.approx(through, abs=0.05)
+
+
+def test_equipment_whose_refined_poses_are_all_outside_the_image_is_little_seen(monkeypatch):
+    behind = Refined(rigid(np.eye(3), np.array([0.0, 0.0, -5.0])), np.eye(6), 0.0, 0.0, 0.0)
+    monkeypatch.setattr(equipment_pose, "search_floor", lambda *_: [np.eye(4)])
+    monkeypatch.setattr(equipment_pose, "refine", lambda *_: behind)
+    found = find_equipment(worn_bars(0.0)[1], prepare_equipment(BARS), EquipmentPoseConfig())
+    assert (found.why, found.part) == (NoPose.LITTLE_SEEN, None)
 
 
 @pytest.mark.parametrize(("range_m", "why"), [(2.3, None), (3.2, NoPose.PART_UNREAD)])

@@ -312,9 +312,7 @@ def _block_signal(
 
 
 def _between(frames: RecordedFrames, camera: int, begin_s: float, end_s: float) -> list[tuple[float, np.ndarray]]:
-    """Return (time, depth) of the usable frames of a camera between two times of its clock. The windows of a short
-    recording overlap, so a frame may be needed more than once.
-    """
+    """Return (time, depth) of the usable frames of a camera between two times of its clock."""
     times_s = frames.times_s[camera]
     first, last = np.searchsorted(times_s, [begin_s, end_s])
     found = ((float(times_s[k]), frames.read(camera, k)) for k in range(first, last))

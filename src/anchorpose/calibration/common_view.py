@@ -120,7 +120,7 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 def smoothed(depth_m: np.ndarray, step_m: float, otherwise: np.ndarray | np.float32) -> np.ndarray:
     """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, with depth differences
-    below ``step_m``; else the value of ``otherwise``. A limb is ten pixels wide.
+    below ``step_m``; else the value of ``otherwise``.
     """
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)

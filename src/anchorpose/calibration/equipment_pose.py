@@ -105,15 +105,15 @@ class PartEvidence:
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 
-def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence | None:
+def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
     counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background. The result is None if the equipment is outside the depth image.
+    pixels of a bar often read the background. All areas are 0 if the equipment is outside the depth image.
     """
-    prediction = predict(view.camera, equipment, fit.T_camera_model)
+    prediction, parts = predict(view.camera, equipment, fit.T_camera_model), equipment.caster.part_count
     if prediction is None:
-        return None
-    rendering, parts = prediction.rendering, equipment.caster.part_count
+        return _nothing_in_image(parts)
+    rendering = prediction.rendering
     row, column = np.nonzero(rendering.part >= 0)
     facing = incidence(view.camera, rendering, row, column)[2] > LEAST_COSINE
     row, column = row[facing], column[facing]
@@ -147,6 +147,11 @@ def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, toleran
     )
 
 
+def _nothing_in_image(parts: int) -> PartEvidence:
+    nothing = np.zeros(parts)
+    return PartEvidence(nothing, nothing, nothing, nothing, nothing, np.full(parts, np.nan), 1.0, 0.0)
+
+
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
     """Return two shares of the outline's unhidden points. The first is the share, among points at which the part is
     seen, of points where the surface continues beyond the outline. This happens if the part lies inside a wall or the
@@ -160,7 +165,7 @@ def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tol
     return goes_on / max(ends + goes_on, 1) if ends + goes_on else 1.0, right / max(ends + goes_on + absent, 1)
 
 
-def judge(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
+def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose | None:
     """Return why the pose is rejected; None if it is accepted. names: one per part of the equipment."""
     evidence = pose.evidence
     if evidence.seen_share < LEAST_SEEN:
@@ -254,7 +259,7 @@ def find_equipment(
     for floor_m in _floor_heights(equipment):
         fits += _fits(view, equipment, floor_m, config)
     fits.sort(key=lambda pose: -pose.evidence.score_m2)
-    good = [pose for pose in fits if judge(pose, equipment.names) is None]
+    good = [pose for pose in fits if why_rejected(pose, equipment.names) is None]
     if not good or good[0].evidence.score_m2 < LEAST_LEAD * fits[0].evidence.score_m2:
         return _reason(fits, equipment)
     rivals = [pose for pose in good[1:] if pose.evidence.score_m2 > RIVAL * good[0].evidence.score_m2]
@@ -270,15 +275,15 @@ def refit(
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)
-    return judge(pose, equipment.names) or pose
+    rejected = why_rejected(pose, equipment.names)
+    return pose if rejected is None else rejected
 
 
 def _refined(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | None:
     fit = refine(view, equipment, start, prior)
-    evidence = None if fit is None else gather_evidence(view, equipment, fit, config.tolerance_m)
-    return None if fit is None or evidence is None else EquipmentPose(fit, evidence)
+    return None if fit is None else EquipmentPose(fit, gather_evidence(view, equipment, fit, config.tolerance_m))
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
@@ -308,8 +313,10 @@ def _reason(fits: list[EquipmentPose], equipment: Equipment) -> NoEquipmentPose:
     if not fits:
         return NoEquipmentPose(NoPose.NOT_SEEN)
     likely = max(fits, key=lambda pose: pose.evidence.on_m2.sum() * (1.0 - pose.evidence.filled_share))
-    found = judge(likely, equipment.names) or NoEquipmentPose(NoPose.AMBIGUOUS)
-    return NoEquipmentPose(NoPose.NOT_SEEN) if found.why is NoPose.FILLED else found
+    rejected = why_rejected(likely, equipment.names)
+    if rejected is None:
+        return NoEquipmentPose(NoPose.AMBIGUOUS)
+    return NoEquipmentPose(NoPose.NOT_SEEN) if rejected.why is NoPose.FILLED else rejected
 
 
 def _is_rival(accepted: EquipmentPose, other: EquipmentPose, equipment: Equipment) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import cv2
@@ -40,7 +41,7 @@ class Gate(NamedTuple):
     reach_px: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StillView:
     """The evidence from one camera.
 
@@ -53,7 +54,7 @@ class StillView:
     noise_per_m: float
     floor: FloorPlane
 
-    @property
+    @cached_property
     def still_m(self) -> np.ndarray:
         """Return the still surface (height, width) float32 in the frames, 0 = unknown."""
         return what_stays(self.frames_m, self.noise_per_m)

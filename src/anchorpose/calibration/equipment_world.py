@@ -179,11 +179,14 @@ def _pixel_counts(
     rendering = equipment.caster.render(view.camera, T_camera_model)
     if rendering is None:
         return np.zeros((len(frames_m), 2), dtype=np.int64)
-    seen = np.stack([frame[rendering.window] for frame in frames_m])
-    there = np.isfinite(rendering.depth_m) & (seen > 0)
-    expected = np.where(np.isfinite(rendering.depth_m), rendering.depth_m, 0)
-    gate, off = tolerance_m + NOISE_GATE * view.noise_per_m * expected**2, seen - expected
-    return np.stack([(there & mask).sum(axis=(1, 2)) for mask in (np.abs(off) < gate, off > gate)], axis=1)
+    surface = np.isfinite(rendering.depth_m)
+    expected = np.where(surface, rendering.depth_m, 0)
+    gate, counts = tolerance_m + NOISE_GATE * view.noise_per_m * expected**2, []
+    for frame in frames_m:
+        seen = frame[rendering.window]
+        there, off = surface & (seen > 0), seen - expected
+        counts.append([np.count_nonzero(there & mask) for mask in (np.abs(off) < gate, off > gate)])
+    return np.array(counts)
 
 
 def _through_share(counts: np.ndarray) -> float:

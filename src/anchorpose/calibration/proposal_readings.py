@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -200,13 +200,14 @@ def find_parts(points_m: np.ndarray) -> list[Found]:
     rng = np.random.default_rng(0)
     left = np.arange(len(points_m))
     parts: list[Found] = []
-    for grow, near_m in ((_plate_at, PLATE_RADIUS_M), (_bar_at, NEAR_M)):
+    for plate, grow, near_m in ((True, _plate_at, PLATE_RADIUS_M), (False, _bar_at, NEAR_M)):
         while len(left) >= LEAST_PIXELS and len(parts) < MOST_PARTS:
-            found = _largest(points_m, left, rng, grow, near_m)
-            if found is None:
+            points = points_m[left]
+            largest = _largest(points, rng, grow, near_m)
+            if largest is None:
                 break
-            parts.append(found)
-            left = left[~_inside(points_m[left], found, 0.01, PLATE_EDGE_M if found.plate else 0.01)]
+            parts.append(_found(plate, points_m, left[largest.members], largest.rotation))
+            left = left[~_inside(points, parts[-1], 0.01, PLATE_EDGE_M if plate else 0.01)]
     return parts
 
 
@@ -219,26 +220,30 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
     return np.asarray(((local > part.low - margin) & (local < part.high + margin)).all(axis=1))
 
 
-_Grow = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Found | None]
-"""A function that returns the part at a place, None without a part there. Its arguments are all points, the indices of
-the points to use, the place (3,), and the points near the place.
+class _Grown(NamedTuple):
+    """A part grown from a place: the indices of its points, and its axes as in ``Found``."""
+
+    members: np.ndarray
+    rotation: np.ndarray
+
+
+_Grow = Callable[[np.ndarray, np.ndarray, np.ndarray], _Grown | None]
+"""A function that returns the part at a place, None without a part there. Its arguments are all points, the place (3,),
+and the points near the place.
 """
 
 
-def _largest(
-    points_m: np.ndarray, left: np.ndarray, rng: np.random.Generator, grow: _Grow, near_m: float
-) -> Found | None:
-    """Return the part with the most of the points ``left`` (indices), among the parts at random places."""
-    points = points_m[left]
+def _largest(points: np.ndarray, rng: np.random.Generator, grow: _Grow, near_m: float) -> _Grown | None:
+    """Return the part with the most points among the parts at random places."""
     tree = cKDTree(points)
     places = points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]
-    found = (grow(points_m, left, place, points[tree.query_ball_point(place, near_m)]) for place in places)
-    return max((part for part in found if part is not None), key=lambda part: len(part.members), default=None)
+    grown = (grow(points, place, points[tree.query_ball_point(place, near_m)]) for place in places)
+    return max((part for part in grown if part is not None), key=lambda part: len(part.members), default=None)
 
 
-def _bar_at(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, nearby_m: np.ndarray) -> Found | None:
-    line = _grow_line(points_m[left], place, _main_direction(nearby_m)) if len(nearby_m) >= LEAST_PIXELS // 2 else None
-    return None if line is None else _bar(points_m, left[line[0]], line[1])
+def _bar_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Grown | None:
+    line = _grow_line(points, place, _main_direction(nearby)) if len(nearby) >= LEAST_PIXELS // 2 else None
+    return None if line is None else _Grown(np.flatnonzero(line[0]), _axes_of_bar(line[1]))
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -293,12 +298,14 @@ def _main_direction(points: np.ndarray) -> np.ndarray:
     return direction
 
 
-def _bar(points_m: np.ndarray, members: np.ndarray, axis: np.ndarray) -> Found:
-    """Make a bar whose cross-section has a vertical axis, if possible, so that its sides are upright and level."""
+def _axes_of_bar(axis: np.ndarray) -> np.ndarray:
+    """Return axes (3, 3) of a bar whose cross-section has a vertical axis, if possible, so that its sides are upright
+    and level.
+    """
     upward = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     side = np.cross(upward, axis)
     side /= np.linalg.norm(side)
-    return _found(False, points_m, members, np.stack([side, np.cross(axis, side), axis], axis=1))
+    return np.stack([side, np.cross(axis, side), axis], axis=1)
 
 
 def _found(plate: bool, points_m: np.ndarray, members: np.ndarray, rotation: np.ndarray) -> Found:
@@ -307,13 +314,13 @@ def _found(plate: bool, points_m: np.ndarray, members: np.ndarray, rotation: np.
     return Found(plate, center, rotation, low, high, members)
 
 
-def _plate_at(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, nearby_m: np.ndarray) -> Found | None:
-    if len(nearby_m) < LEAST_PIXELS:
+def _plate_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Grown | None:
+    if len(nearby) < LEAST_PIXELS:
         return None
-    spread, axes = np.linalg.eigh(np.cov((nearby_m - place).T))
-    if np.sqrt(spread[0]) > PLATE_FLATNESS_M or _filled(nearby_m - place, axes) < PLATE_FILLED:
+    spread, axes = np.linalg.eigh(np.cov((nearby - place).T))
+    if np.sqrt(spread[0]) > PLATE_FLATNESS_M or _filled(nearby - place, axes) < PLATE_FILLED:
         return None
-    return _grow_plate(points_m, left, place, axes)
+    return _grow_plate(points, place, axes)
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
@@ -328,11 +335,11 @@ def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
     return float(grid[disc].mean())
 
 
-def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes: np.ndarray) -> Found | None:
+def _grow_plate(points: np.ndarray, place: np.ndarray, axes: np.ndarray) -> _Grown | None:
     """Return the connected flat surface around a place as its smallest enclosing rectangle; None if this rectangle is
     as narrow as a bar.
     """
-    offset = points_m[left] - place
+    offset = points - place
     on_plane = np.abs(offset @ axes[:, 0]) < PLATE_FLATNESS_M
     flat = offset[on_plane] @ axes[:, 1:]
     cell = np.floor(flat / CELL_M).astype(int)
@@ -344,12 +351,12 @@ def _grow_plate(points_m: np.ndarray, left: np.ndarray, place: np.ndarray, axes:
     here = label[tuple(-first)]
     if here == 0:
         return None
-    chosen = left[on_plane][label[tuple((cell - first).T)] == here]
+    chosen = np.flatnonzero(on_plane)[label[tuple((cell - first).T)] == here]
     if len(chosen) < LEAST_PIXELS:
         return None
-    (_, size, degrees) = cv2.minAreaRect((points_m[chosen] - place).astype(np.float32) @ axes[:, 1:].astype(np.float32))
+    (_, size, degrees) = cv2.minAreaRect((points[chosen] - place).astype(np.float32) @ axes[:, 1:].astype(np.float32))
     if min(size) < 2.0 * BAR_RADIUS_M:
         return None
     turn = np.radians(degrees)
     one = axes[:, 1:] @ [np.cos(turn), np.sin(turn)]
-    return _found(True, points_m, chosen, np.stack([one, np.cross(axes[:, 0], one), axes[:, 0]], axis=1))
+    return _Grown(chosen, np.stack([one, np.cross(axes[:, 0], one), axes[:, 0]], axis=1))

@@ -242,13 +242,14 @@ FRAMES_KEPT: Final = 300  # maximum number of frames in memory; for a Kinect v2,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFrames:
-    """The depth images of a recording folder, read on demand. The latest images that were read are kept in memory. A
-    duplicate of the previous image is read as None, since it shows an earlier moment than its time states.
+    """The depth images of a recording folder, read on demand. The latest images read stay in memory, since an
+    image may be needed more than once. A duplicate of the previous image is read as None, because it shows an
+    earlier moment than its time states.
     """
 
     recording: Recording
     cameras: tuple[Camera, ...]  # cameras with the poses to use; the recording's cameras may lack poses
-    kept: dict[tuple[int, int], np.ndarray | None] = field(default_factory=dict)
+    kept: dict[tuple[int, int], np.ndarray | None] = field(init=False, repr=False, default_factory=dict)
 
     @property
     def times_s(self) -> tuple[np.ndarray, ...]:

@@ -56,7 +56,7 @@ def clips_of_results(folder: Path) -> ReferenceClips:
     table = read_joints(folder / JOINTS_FILE)
     remedy = "give a result in which the patient was followed"
     if len(table.frame) < 2:
-        raise InputError(folder, "has fewer than two frames, or times that do not increase", remedy)
+        raise InputError(folder, "has fewer than two frames", remedy)
     period_s, whole = usual_step_s(table.time_s), np.isfinite(table.position_m).all(axis=(1, 2))
     runs = unbroken_runs(whole, table.time_s, longest_even_step_s(table.time_s))
     kept = [run for run in runs if (run.stop - run.start) * period_s >= SHORTEST_S]
