@@ -192,7 +192,7 @@ def test_headlines_state_means_and_the_worst():
     text = headline_table(measured)
     assert "4.0 degrees in 2 recordings; the Kinect's own skeleton 4.5 |" in text
     assert "85 % of 40 joints within 100 mm, the median 35 mm |" in text
-    assert "20.0 mm, the worst of 2 recordings 30.0; 0.1 % of the joints are over 100 mm and" in text
+    assert "20.0 mm, the worst of 2 recordings 30.0; 0.10 % of the joints are over 100 mm and" in text
     assert "four sigma off; 1 more refused |" in text
     with pytest.raises(KeyError, match="one camera"):
         headline_table(measured | {EASY: {}})
