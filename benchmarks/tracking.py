@@ -12,7 +12,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -56,24 +56,42 @@ def read_cost(results: Path) -> Cost:
     return Cost(**json.loads((results / COST_FILE).read_text(encoding="utf-8")))
 
 
+def compile_clock(clock: Callable[[], float]) -> Callable[[], float]:
+    """Return a function that returns the seconds spent compiling from now on, by the given clock. Numba's own listener
+    measures elapsed time, which on a busy machine is longer than the processor time from which it is subtracted.
+    """
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        depth, began_s, spent_s = 0, 0.0, 0.0
+
+        def on_start(self, event: object) -> None:
+            self.began_s = clock() if self.depth == 0 else self.began_s
+            self.depth += 1
+
+        def on_end(self, event: object) -> None:
+            self.depth -= 1
+            self.spent_s += clock() - self.began_s if self.depth == 0 else 0.0
+
+    compiling = Compiling()
+    event.register("numba:compile", compiling)
+    return lambda: compiling.spent_s
+
+
 def main() -> None:
     """Track and write the cost; this function runs with the version of the code that is measured."""
     import resource
     import time
-
-    from numba.core import event
 
     from anchorpose.errors import AnchorposeError
     from anchorpose.pipeline import track_recording
     from anchorpose.tracker.config import TrackConfig
 
     recording, results, config = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3])
-    compiling = event.TimingListener()
-    event.register("numba:compile", compiling)
-    start_s = float("nan")
+    compile_s, start_s = compile_clock(time.process_time), float("nan")
 
     def spent_s() -> float:
-        return time.process_time() - (compiling.duration if compiling.done else 0.0)
+        return time.process_time() - compile_s()
 
     def progress(done: int, total: int) -> None:
         nonlocal start_s
@@ -89,7 +107,7 @@ def main() -> None:
     cost = Cost(
         start_s=spent_s() if start_s != start_s else start_s,
         total_s=spent_s(),
-        compile_s=compiling.duration if compiling.done else 0.0,
+        compile_s=compile_s(),
         peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MB,
         frames=frames,
         refused=refused,

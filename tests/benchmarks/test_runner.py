@@ -19,6 +19,7 @@ from room_suites import STARTS
 from run import rows_of
 from scores import LABELS
 from suites import SUITES, cases_of, hard_scenes
+from tracking import compile_clock
 from versions import REPOSITORY, working_tree
 
 from anchorpose.joints import JOINT_INDEX
@@ -97,6 +98,18 @@ def test_a_row_that_a_case_has_twice_counts_twice_and_versions_stay_aligned():
         {"knee": [left, right, left, right], "hand": [{}]},
         {"knee": [other, {}, left, right], "hand": [left]},
     ]
+
+
+def test_time_spent_compiling_is_counted_by_the_clock_from_which_it_is_subtracted():
+    import numba
+
+    readings = []
+    spent_s = compile_clock(lambda: float(readings.append(None) or len(readings)))
+    assert spent_s() == 0.0
+    inner = numba.njit(lambda x: x + 1)
+    assert numba.njit(lambda x: inner(x) + 1)(1) == 3
+    assert len(readings) == 2  # one beginning and one end: the inner function is compiled within the outer one
+    assert spent_s() == 1.0
 
 
 def test_wilsons_interval_is_the_published_one():
