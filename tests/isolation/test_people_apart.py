@@ -184,6 +184,17 @@ def test_hidden_skin_is_remembered_and_forgotten_in_time():
     assert (forgotten.age_s == 0).all()
 
 
+def test_a_helper_whom_a_passer_by_hides_for_two_seconds_keeps_their_label():
+    seen = (*body(0, 0), *body(0.0, 0.8))
+    screen = Box("screen", np.array([0.9, 1.0, 0.5]), np.array([0.05, 2.0, 0.7]), np.eye(3))
+    _, memory = follow(seen, seen)
+    for number in range(4):
+        hidden = pieces_of(*seen, screen, seed=50 + number)
+        memory = update_memory(memory, hidden, separate(hidden, memory, None, 0.5, CAMERAS), [FRONT], 0.5)
+    (view,) = separate(pieces_of(*seen, seed=60), memory, skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS)
+    assert (view.labels[shown_at(pieces_of(*seen, seed=60)[0], 0.8)] == OTHER).mean() > 0.95
+
+
 def test_an_arm_labelled_as_another_persons_is_not_remembered_as_theirs():
     (pieces,) = pieces_of(*body(0, 0))
     (view,) = first_views([pieces])

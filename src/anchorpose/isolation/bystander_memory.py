@@ -18,7 +18,9 @@ SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels;
 # m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin counts as hidden if a reading
 # lies in front of it by at least this distance
 CELL_M: Final = 0.05
-MEMORY_S: Final = 1.0  # s, time for which hidden skin is remembered: as long as another person takes to pass in front
+# s, time for which hidden skin is remembered. A person who passes near the camera, or stops there, hides others for two
+# seconds; after three, ``SPEED_M_S`` leaves their place open by a metre
+MEMORY_S: Final = 3.0
 SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
 # Walking people move faster; region growing finds their skin.
