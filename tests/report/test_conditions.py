@@ -207,7 +207,9 @@ def test_levels_have_the_interval_of_their_scatter_and_at_least_of_their_random_
     low, high = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, 0.1), 0.7)
     assert (low.at, low.trials, low.mean) == (10.0, 3, 2.0)
     assert low.half == pytest.approx(4.3026527 * 1.0 / np.sqrt(3), rel=1e-6)  # t of two degrees of freedom
-    assert high.half == pytest.approx(1.96 * np.sqrt(0.3) * 0.1)  # a single trial has its error of measurement only
+    assert np.isnan(high.half)  # a single trial shows no scatter
+    counts, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), np.full(4, np.nan), 0.7)
+    assert np.isnan(counts.half)
     same, _ = levels_of(at, np.array([2.0, 2.0, 2.0, 7.0]), sigma, 0.7)
     assert same.half == pytest.approx(4.3026527 * np.sqrt(0.3 * 4.0 / 3), rel=1e-6)
     unknown, alone = levels_of(at, np.array([1.0, 2.0, 3.0, 7.0]), np.full(4, np.nan), 0.7)

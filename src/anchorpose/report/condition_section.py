@@ -213,6 +213,8 @@ def _verdict(effect: Effect, like: Measure) -> Markup:
         return cell.format("exceeds", f"a difference: {p}")
     if effect.p >= ALPHA:
         return cell.format("within", f"not shown: {p}")
+    if effect.open:
+        return cell.format("within", f"not shown: the interval includes 0, {p}")
     form = form_within(like, effect.difference, effect.low, effect.high)
     limit = form.write(float(effect.detectable or np.nan))
     what = "below the minimal detectable change" if effect.repeated else "within the errors of measurement"

@@ -21,7 +21,7 @@ MOST_TICKS: Final = 9
 
 class Level(NamedTuple):
     """The trials with the same value of a parameter: this value, their number, the measure's mean over them, and half
-    the width of the mean's 95 % interval (NaN if unknown).
+    the width of the mean's 95 % interval; NaN if unknown, as for a single trial.
     """
 
     at: float
@@ -35,8 +35,7 @@ def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float
 
     at, value, sigma (n,): the parameter, the measure's value and its sigma in each trial, NaN where unknown. share: the
     systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials or, if this is
-    larger, their random errors. For a single trial, it covers only the random error. The systematic error is left out,
-    since it shifts all levels alike.
+    larger, their random errors. The systematic error is left out, since it shifts all levels alike.
     """
     return [
         _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)
@@ -46,9 +45,9 @@ def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float
 def _level(at: float, value: np.ndarray, random_sigma: np.ndarray) -> Level:
     count = len(value)
     random = float(np.sum(random_sigma**2)) / count**2
-    if count == 1:
-        return Level(at, 1, float(value[0]), NORMAL_95 * float(np.sqrt(random)))
-    variance = float(np.fmax(value.var(ddof=1) / count, random))
+    variance = float(np.fmax(value.var(ddof=1) / count, random)) if count > 1 else 0.0
+    if variance == 0.0:  # the scatter of the trials is unknown
+        return Level(at, count, float(value.mean()), float("nan"))
     return Level(at, count, float(value.mean()), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)))
 
 
@@ -103,7 +102,7 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
     known = np.isfinite(level.half)
     decimals = decimals_for(level.half if known and level.half else None, level.mean)
     mean, low, high = (number(v, decimals) for v in (level.mean, level.mean - level.half, level.mean + level.half))
-    interval = f"{low} to {high}{unit}" if known else "no error is stated"
+    interval = f"{low} to {high}{unit}" if known else "not known: one trial" if level.trials == 1 else "not known"
     name = f"{level.at:g}" + (f", {side}" if side else "")
     return name, (str(level.trials), f"{mean}{unit}", interval)
 

@@ -58,10 +58,17 @@ class Effect:
 
     @property
     def shown(self) -> bool:
-        """Return whether the effect counts as shown: p < 0.05, and the difference exceeds ``detectable`` (if known)."""
-        if self.p is None or self.difference is None or self.p >= ALPHA:
+        """Return whether the effect counts as shown: p < 0.05, the difference exceeds ``detectable`` (if known), and its
+        interval (if known) excludes 0.
+        """
+        if self.p is None or self.difference is None or self.p >= ALPHA or self.open:
             return False
         return self.detectable is None or abs(self.difference) > self.detectable
+
+    @property
+    def open(self) -> bool:
+        """Return whether the interval of the difference is known and includes 0."""
+        return self.low is not None and self.high is not None and self.low <= 0.0 <= self.high
 
 
 def effects(
@@ -174,7 +181,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
     fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
-    the variance of the scatter.
+    the variance of the scatter. Trials that do not scatter and have no sigma, such as equal counts, leave the interval
+    unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))
@@ -182,7 +190,7 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     stated = bool(np.isfinite(sigma).all())
     detectable = NORMAL_95 * float(np.sqrt(random + systematic)) if stated else None
     scatter, freedom = scatter_of(value, blocks)
-    if not np.isfinite(scatter):
+    if not np.isfinite(scatter) or (scatter == 0.0 and not stated):
         return Spread(None, detectable)
     variance = max(scatter, random) + systematic if stated else scatter
     return Spread(float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)), detectable)
@@ -192,30 +200,21 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
     """Return the variance of the difference between conditions, estimated from the scatter of the trials, and its
     degrees of freedom; NaN for too few trials.
 
-    With one block, the formula of Welch 1947 (doi:10.1093/biomet/34.1-2.28) is used, in which trials of the two
-    conditions may scatter differently. With several blocks, the scatter among trials of the same block and condition is
-    used if every block has each condition at least twice; else the scatter of the blocks' differences between
-    conditions is used.
+    If every block has each condition at least twice, the scatter among trials of the same block and condition is used.
+    It may differ between blocks and conditions, so the degrees of freedom are those of Welch 1947
+    (doi:10.1093/biomet/34.1-2.28). Else the scatter of the blocks' differences between conditions is used.
     """
+    sizes = np.array([len(cell) for cell in blocks.cells])
+    if sizes.min() > 1:
+        weights = blocks.weights
+        parts = np.array([float(np.sum(weights[cell] ** 2)) * value[cell].var(ddof=1) for cell in blocks.cells])
+        total = float(parts.sum())
+        return total, total**2 / float(np.sum(parts**2 / (sizes - 1))) if total > 0 else float(np.sum(sizes - 1))
+    if len(blocks.members) == 1:
+        return float("nan"), float("nan")
     cells = [(value[p][~blocks.treated[p]], value[p][blocks.treated[p]]) for p in blocks.members]
-    if len(cells) == 1:
-        return _welch(*cells[0])
-    repeats = [len(values) for cell in cells for values in cell]
-    if min(repeats) > 1:
-        freedom = sum(repeats) - len(repeats)
-        within = sum(float(np.sum((values - values.mean()) ** 2)) for cell in cells for values in cell) / freedom
-        return within * float(np.sum(blocks.weights**2)), float(freedom)
     share = np.array([blocks.weights[p][blocks.treated[p]].sum() for p in blocks.members])
     differences = np.array([treated.mean() - reference.mean() for reference, treated in cells])
     off = differences - float(share @ differences)
     freedom = len(cells) - 1
     return float(np.sum(share * off**2) * np.sum(share**2) / (1.0 - np.sum(share**2))), float(freedom)
-
-
-def _welch(reference: np.ndarray, treated: np.ndarray) -> tuple[float, float]:
-    if min(len(reference), len(treated)) < 2:
-        return float("nan"), float("nan")
-    parts = np.array([each.var(ddof=1) / len(each) for each in (reference, treated)])
-    sizes, total = np.array([len(reference), len(treated)]), float(parts.sum())
-    freedom = total**2 / float(np.sum(parts**2 / (sizes - 1))) if total > 0 else float(sizes.sum() - 2)
-    return total, freedom

@@ -5,8 +5,10 @@ Frames of a recording are not independent, but trials are exchangeable if their 
 conditions have no effect, all assignments of the conditions to the trials of a block would have given the same values,
 and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is at
 least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena
-2007, Randomization Tests, doi:10.1201/9781420011814). For several conditions, p is adjusted as in Holm 1979
-(Scandinavian Journal of Statistics 6:65-70).
+2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
+difference is divided by its standard error, since a condition that only steadies the trials would otherwise seem to
+change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is adjusted as in Holm
+1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 
 from __future__ import annotations
@@ -67,6 +69,19 @@ class Blocks:
         return found / total
 
     @property
+    def cells(self) -> list[np.ndarray]:
+        """Return the indices of the trials of each block and condition."""
+        return [places[self.treated[places] == other] for places in self.members for other in (False, True)]
+
+    @property
+    def scaled(self) -> bool:
+        """Return whether differences are divided by their standard errors: some block has more trials of one condition
+        than of the other, and all have at least two of each, so that standard errors are known.
+        """
+        sizes = np.array([len(cell) for cell in self.cells]).reshape(-1, 2)
+        return bool((sizes[:, 0] != sizes[:, 1]).any() and (sizes > 1).all())
+
+    @property
     def assignments(self) -> int:
         """Return the number of possible assignments of the conditions to the trials."""
         return math.prod(math.comb(len(places), int(self.treated[places].sum())) for places in self.members)
@@ -102,24 +117,61 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
     """Return the two-sided p of the difference between conditions in ``value`` (n,), and whether p was computed from
     all assignments, not from a sample.
     """
-    observed = abs(float(blocks.weights @ value))
-    limit = observed - TIE * max(float(np.abs(value - value.mean()).max()), observed)
-    if blocks.assignments <= MOST_EXACT:
-        return float(np.mean(np.abs(_all_differences(value, blocks)) >= limit)), True
-    drawn = _drawn_differences(value, blocks)
-    return float((1 + np.sum(np.abs(drawn) >= limit)) / (1 + len(drawn))), False
+    value = value - value.mean()
+    own = [blocks.weights[places][None] for places in blocks.members]
+    observed = _size(np.sum(_parts(value, blocks, own), axis=0), blocks)[0]
+    limit = observed - TIE * max(float(np.abs(value).max()), observed)
+    if blocks.assignments > MOST_EXACT:
+        drawn = _size(np.sum(_parts(value, blocks, _drawn_weights(blocks)), axis=0), blocks)
+        return float((1 + np.sum(drawn >= limit)) / (1 + len(drawn))), False
+    total = np.zeros((2, 1))
+    for part in _parts(value, blocks, _all_weights(blocks)):
+        total = (total[:, :, None] + part[:, None, :]).reshape(2, -1)
+    return float(np.mean(_size(total, blocks) >= limit)), True
 
 
-def _all_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the difference between conditions (``Blocks``) under every assignment of conditions to trials."""
-    weights, total = blocks.weights, np.zeros(1)
+def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
+    """Return the size (k,) of differences between conditions: in standard errors if ``Blocks.scaled``, else in the unit
+    of the measure. total (2, k): differences and their variances.
+    """
+    size = np.abs(total[0])
+    if not blocks.scaled:
+        return np.asarray(size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(size > 0.0, size / np.sqrt(total[1]), 0.0)
+
+
+def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return, for each block (2, k), the part of the difference between conditions (``Blocks``) and of its variance
+    under k assignments of conditions to the block's trials. weights: for each block (k, trials).
+    """
+    found = list[np.ndarray]()
+    for places, of_block in zip(blocks.members, weights, strict=True):
+        variance = _variance(value[places], of_block) if blocks.scaled else np.zeros(len(of_block))
+        found.append(np.stack([of_block @ value[places], variance]))
+    return found
+
+
+def _variance(value: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the variance (k,) of a block's difference between conditions, by the scatter of its trials of the same
+    condition. value (trials,); weights (k, trials), one row per assignment.
+    """
+    total = np.zeros(len(weights))
+    for cell in (weights > 0.0, weights < 0.0):
+        count = cell.sum(axis=1)
+        off = np.where(cell, value - (cell @ value / count)[:, None], 0.0)
+        total += (np.where(cell, weights, 0.0) ** 2).sum(axis=1) * (off**2).sum(axis=1) / (count - 1)
+    return total
+
+
+def _all_weights(blocks: Blocks) -> list[np.ndarray]:
+    """Return, for each block, the weights (k, trials) of its trials under every assignment of conditions to trials."""
+    weights, found = blocks.weights, list[np.ndarray]()
     for places in blocks.members:
         treated = blocks.treated[places]
         chosen = _choices(len(places), int(treated.sum()))
-        up, down = weights[places][treated][0], weights[places][~treated][0]
-        of_block = np.where(chosen, up, down) @ value[places]
-        total = (total[:, None] + of_block[None]).ravel()
-    return total
+        found.append(np.where(chosen, weights[places][treated][0], weights[places][~treated][0]))
+    return found
 
 
 @lru_cache(8)
@@ -132,13 +184,10 @@ def _choices(trials: int, treated: int) -> np.ndarray:
     return chosen
 
 
-def _drawn_differences(value: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the difference between conditions (``Blocks``) under a fixed random sample of assignments."""
-    random, total = np.random.default_rng(SEED), np.zeros(SAMPLED)
-    for places in blocks.members:
-        weights = np.tile(blocks.weights[places], (SAMPLED, 1))
-        total += random.permuted(weights, axis=1) @ value[places]
-    return total
+def _drawn_weights(blocks: Blocks) -> list[np.ndarray]:
+    """Return, for each block, the weights (k, trials) of its trials under a fixed random sample of assignments."""
+    random = np.random.default_rng(SEED)
+    return [random.permuted(np.tile(blocks.weights[p], (SAMPLED, 1)), axis=1) for p in blocks.members]
 
 
 def holm(p: Sequence[float]) -> list[float]:
