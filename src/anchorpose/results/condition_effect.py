@@ -58,8 +58,8 @@ class Effect:
 
     @property
     def shown(self) -> bool:
-        """Return whether the effect counts as shown: p < 0.05, the difference exceeds ``detectable`` (if known), and its
-        interval (if known) excludes 0.
+        """Return whether the effect counts as shown: p is below 0.05, the difference exceeds ``detectable`` (if known),
+        and its interval (if known) excludes 0.
         """
         if self.p is None or self.difference is None or self.p >= ALPHA or self.open:
             return False
