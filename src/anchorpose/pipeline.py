@@ -31,7 +31,7 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.journal import Journal
 from anchorpose.tracker.learning_pass import LearntPatient
 from anchorpose.tracker.passes import learn_on, plan_route, track_on
-from anchorpose.tracker.preparation import agreeing, prepare_room, scenes_of, settle
+from anchorpose.tracker.preparation import agreeing, nobody_named, prepare_room, scenes_of, settle
 from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.start import NoStart
@@ -83,6 +83,8 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     stopwatch = Stopwatch()
     with stopwatch.stage("calibration and background"):
         room = prepare_room(recording, config, inputs.review)
+    if config.patient_xz_m is not None and not room.initial_frames:
+        raise nobody_named(recording, room.scenes, config)
     run, tick = Run(room, config, motions, stopwatch), _counter(progress, work)
     points = body_points()
     shared = {

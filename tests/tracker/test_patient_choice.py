@@ -46,6 +46,11 @@ def test_the_patient_is_who_the_user_says_however_the_votes_fall():
     assert patient.reason == "is nearest to the place that was given, of 2 people"
 
 
+def test_no_other_person_is_taken_for_a_named_patient_who_is_not_there():
+    assert choose_patient(times(8, one(0, 0), one(0, 0.9)), None, (40.0, -30.0), CAMERAS) is None
+    assert rank_initial_frames([0, 1, 2], times(3, one(0, 0)), None, (0.0, 0.7), CAMERAS) == ()
+
+
 def test_a_named_person_who_walks_is_followed_from_frame_to_frame():
     """Another person walks through the same places a second later."""
     ways = [(one(0.25 * k, 0.0), one(0.25 * (k - 4), 0.05)) for k in range(9)]

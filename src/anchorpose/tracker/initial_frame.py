@@ -85,10 +85,8 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first unbroken series of frames that show the patient at a place; all frames if none does."""
+    """Return the first unbroken series of frames that show the patient at a place; at least one frame must do so."""
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
-    if not any(there):
-        return range(len(there))
     begin = there.index(True)
     return range(begin, there.index(False, begin) if False in there[begin:] else len(there))
 

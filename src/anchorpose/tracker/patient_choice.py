@@ -82,13 +82,15 @@ def choose_patient(
     """Choose the patient among all people in the sightings; None if no person is seen.
 
     If ``patient_xz_m`` is given, the patient is the person nearest to this place in the first sighting with a person
-    there. Otherwise, the patient is the person with most votes.
+    there; None if no sighting shows a person there. Otherwise, the patient is the person with most votes.
     """
     candidates = find_candidates(sightings, equipment, cameras)
     if not candidates:
         return None
     if patient_xz_m is not None:
         named = _at_place(candidates, np.array(patient_xz_m))
+        if named is None:
+            return None
         return Patient(named.seen, f"is nearest to the place that was given, {_others(sightings)}", True, None)
     first, *rest = sorted(candidates, key=lambda one: -one.votes)
     rival = next((one.place_xz_m for one in rest if one.votes > first.votes - SURE), None)
@@ -284,18 +286,18 @@ def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
     return max(0.0, -float(cv2.pointPolygonTest(outline, (float(x), float(z)), True)))
 
 
-def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate:
-    """Return the person nearest to a place in the first sighting that shows a person there. If no sighting does, return
-    the person who comes nearest to the place.
-    """
+def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate | None:
+    """Return the person nearest to a place, in the first sighting with a person there; None if no sighting has one."""
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]
         return np.inf if one is None else distance_m(one, place_xz_m)
 
-    count = len(candidates[0].seen)
-    there = [number for number in range(count) if min(away_m(one, number) for one in candidates) < GIVEN_M]
-    return min(candidates, key=lambda one: min(away_m(one, number) for number in there[:1] or range(count)))
+    for number in range(len(candidates[0].seen)):
+        nearest = min(candidates, key=lambda one: away_m(one, number))
+        if away_m(nearest, number) < GIVEN_M:
+            return nearest
+    return None
 
 
 def distance_m(one: SeenPerson, place_xz_m: np.ndarray) -> float:

@@ -196,7 +196,7 @@ def furnish_room(
     if config.patient_frame is not None:
         initial = _frames_of_named(recording, scenes, config, config.patient_frame, review)
         if not initial:
-            raise _nobody_named(recording, scenes, config, config.patient_frame)
+            raise nobody_named(recording, scenes, config)
         return Room(recording, settled.clocks, calibration, scenes, initial, review)
     look = look_for_patient(settled, config, review, scenes)
     scenes, initial = look.scenes, look.initial_frames
@@ -252,14 +252,18 @@ def _position(recording: Recording, frame: int) -> int:
     return int(found[0])
 
 
-def _nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig, frame: int) -> InputError:
-    """Return the error for a patient's place without a person; the error states where people are in this frame."""
-    people = sight_people(read_frame(recording, _position(recording, frame)), scenes).people
-    seen = [f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people)]
-    where = f"people are at {' and '.join(seen)}" if seen else "nobody is seen in this frame"
-    x, z = config.patient_xz_m or (np.nan, np.nan)
-    problem = f"shows nobody within {GIVEN_M} m of x {x:.2f}, z {z:.2f} in frame {frame}: {where}"
-    return InputError(recording.folder, problem, "give another place or another frame")
+def nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig) -> InputError:
+    """Return the error for a patient's place without a person. The error states where people are in the frame of the
+    place or, without a frame, in the first tracked frame.
+    """
+    frame, (x, z) = config.patient_frame, config.patient_xz_m or (np.nan, np.nan)
+    position = config.start if frame is None else _position(recording, frame)
+    people = sight_people(read_frame(recording, position), scenes).people
+    seen = " and ".join(f"{x:.2f},{z:.2f}" for x, z in (one.place_xz_m for one in people))
+    when = "in the sampled frames" if frame is None else f"in frame {frame}"
+    where = f"in frame {recording.streams[0].frame[position]}, {f'people are at {seen}' if seen else 'nobody is seen'}"
+    problem = f"shows nobody within {GIVEN_M} m of x {x:.2f}, z {z:.2f} {when}; {where}"
+    return InputError(recording.folder, problem, "give another place, or another frame: --patient x,z@frame")
 
 
 def scenes_of(settled: Settled) -> tuple[Scene, ...]:
