@@ -87,14 +87,8 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
         raise nobody_named(recording, room.scenes, config)
     run, tick = Run(room, config, motions, stopwatch), _counter(progress, work)
     points = body_points()
-    shared = {
-        "run": run,
-        "room": room,
-        "config": config,
-        "stopwatch": stopwatch,
-        "points": points,
-        "asset": points.asset,
-    }
+    objects = {"run": run, "room": room, "config": config, "stopwatch": stopwatch}
+    shared = objects | {"points": points, "asset": points.asset}
     journal = Journal(begun, shared)
 
     # stage body: learn the shape of the patient's body in a first pass over the first seconds
