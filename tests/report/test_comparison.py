@@ -1,5 +1,6 @@
 """Sessions side by side: what counts as a change, what is refused, and what is told of differences."""
 
+import json
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from event_builder import still, tracked
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
 from session_builder import measured
+from trials_builder import write_trial_results
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
@@ -180,6 +182,37 @@ def test_what_was_not_recorded_or_computed_alike_is_reported(tmp_path, run, sent
     told = [item.text for item in page.find("li")]
     assert any(sentence in item for item in told)
     assert not any(item.endswith("?.") for item in told)
+
+
+def with_stimulation(folder: Path, number: int, amplitudes: list[float | None] | None) -> Path:
+    """A week with trials of 4 s in turn, or without trials."""
+    written = write_trial_results(folder / f"r{number}", amplitudes or [None] * 10)
+    if amplitudes is None:
+        (written / "trials.parquet").unlink()
+        write_measured(written, ProcessingConfig(), MeasureConfig())
+    run = json.loads((written / "run.json").read_text(encoding="utf-8"))
+    run |= {"recording": f"week {number}", "inputs_sha256": {"recording.json": f"{number}" * 64}}
+    (written / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    return written
+
+
+@pytest.mark.parametrize(
+    ("later", "sentence"),
+    [
+        (
+            [None] + [40.0] * 9,
+            "36.0 s of on and 4.0 s of off in 40.0 s instead of 4.0 s of on and 36.0 s of off in 40.0 s",
+        ),
+        (None, "no trials instead of 4.0 s of on and 36.0 s of off in 40.0 s: measures of the whole recording mix"),
+        ([None] * 9 + [40.0], None),
+    ],
+)
+def test_other_times_in_the_conditions_are_stated(tmp_path, later, sentence):
+    """A patient who does not change seems to, if the second week has more stimulation; the order does not matter."""
+    folders = [with_stimulation(tmp_path, 1, [40.0] + [None] * 9), with_stimulation(tmp_path, 2, later)]
+    told = [item.text for item in PageReader(write_comparison(folders, tmp_path / "c.html")).find("li")]
+    assert any("mix the conditions" in item for item in told) == (sentence is not None)
+    assert sentence is None or any(sentence in item for item in told)
 
 
 def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):

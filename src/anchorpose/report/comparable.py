@@ -130,6 +130,11 @@ def _differ(old_s: float, new_s: float) -> bool:
     return _apart(old_s, new_s) > ALIKE
 
 
+MIXED: Final = 0.1
+"""Maximum difference between a condition's shares of two recordings that is not stated. With a condition that changes an
+angle by 10 degrees, a difference of a tenth shifts the mean over the recording by 1 degree, which is about its error.
+"""
+
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; all others are only counted
 
 
@@ -149,7 +154,7 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     """Return sentences on how each later session differs from the first: in program version, settings, cameras, frame
-    rate, time spans and the patient's learnt height.
+    rate, time spans, time in each condition and the patient's learnt height.
     """
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
@@ -159,6 +164,7 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
             *_cameras(first.run, later.run),
             *_rates(first.joints.time_s, later.joints.time_s),
             *span_sentences(first.measures, later.measures),
+            *_conditions(first, later),
             *_bodies(first.run, later.run),
         ]
         ended = [sentence if sentence.endswith("?") else f"{sentence}." for sentence in sentences]
@@ -245,6 +251,36 @@ def _rates(first_s: np.ndarray, later_s: np.ndarray) -> list[str]:
 
 def _rate_hz(time_s: np.ndarray) -> float | None:
     return None if len(time_s) < 2 else (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+
+
+def _conditions(first: Session, later: Session) -> list[str]:
+    old, new = _condition_times_s(first), _condition_times_s(later)
+    names = list(dict.fromkeys([*old, *new]))
+    old_s, new_s = (_spans(each.measures)[0].seconds or math.nan for each in (first, later))
+    alike = all(abs(new.get(name, 0.0) / new_s - old.get(name, 0.0) / old_s) <= MIXED for name in names)
+    if bool(old) == bool(new) and alike:
+        return []
+    times = [_condition_words(each, names, whole_s) for each, whole_s in ((new, new_s), (old, old_s))]
+    return [
+        f"{' instead of '.join(times)}: measures of the whole recording mix the conditions, so these times alone may "
+        "change them"
+    ]
+
+
+def _condition_times_s(session: Session) -> dict[str, float]:
+    """Return the recorded time of all trials by condition; empty for a session without trials."""
+    found: dict[str, float] = {}
+    for row in session.trial_measures:
+        if row.measure == "recorded_time" and row.condition is not None and row.trial is not None:
+            found[row.condition] = found.get(row.condition, 0.0) + (row.value or 0.0)
+    return found
+
+
+def _condition_words(times_s: dict[str, float], names: Sequence[str], whole_s: float) -> str:
+    if not times_s:
+        return "no trials"
+    times = [f"{number(times_s.get(name, 0.0), 1)} s of {name}" for name in names]
+    return f"{listed(times)} in {number(whole_s, 1)} s"
 
 
 def _bodies(first: dict[str, Any], later: dict[str, Any]) -> list[str]:
