@@ -59,6 +59,7 @@ def lasting(seconds: float, unknown_s: float = 0.0, sway_s: float = 20.0) -> tup
         row("sway_time", sway_s, "s"),
         row("sway_path", 10.0 * sway_s, "mm", 1.0),
         row("sway_velocity", 10.0, "mm/s", 0.1),
+        row("sway_ellipse_area", 0.1 * sway_s, "cm2", 0.01),
         row("hands_on_at_once_mean", 1.5, "count"),
     )
 
@@ -153,6 +154,7 @@ def test_of_about_the_same_length_a_change_is_tested_beyond_what_the_length_expl
 def test_the_path_of_sway_goes_with_the_time_that_sway_is_taken_from(tmp_path):
     changes, told = changes_of(tmp_path, lasting(60.0), lasting(60.0, sway_s=35.0))
     assert "not tested: more time for sway" in changes["sway, path"]
+    assert "not tested: more time for sway" in changes["sway, area of the 95 % ellipse"]
     assert "not tested: sway scatters" in changes["sway, mean speed"]
     assert "within the errors" in changes["time upright"]
     assert "for sway: 35.0 instead of 20.0 s" in told
@@ -309,9 +311,11 @@ def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
     rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
     grown = {row.measure for row in rows if grows_with_time(row)}
     growing = "upright_time upright_bouts longest_upright_bout knee_straight_time sit_to_stand_count sway_path contacts"
-    growing += " stand_to_sit_duration_longest assistance_time hands_free_upright_time"
+    growing += " stand_to_sit_duration_longest assistance_time hands_free_upright_time sway_ellipse_area sway_rms_ap"
+    growing += " sway_rms_ml knee_buckle_latency knee_extended_latency tremor_knee_amplitude"
     assert grown >= set(growing.split())
     steady = "upright_share sit_to_stand_duration_mean knee_flexion_upright_greatest sway_velocity load_share"
+    steady += " tremor_knee_frequency knee_buckle_rate"
     assert not grown & {*steady.split(), "assistance_share_upright", "hands_on_at_once_mean"}
 
 
