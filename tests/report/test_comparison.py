@@ -303,7 +303,19 @@ def test_the_larger_limit_counts_where_two_sessions_are_less_certain_than_the_re
 def test_another_table_of_reliability_is_refused(tmp_path, text, problem):
     (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=problem):
-        read_detectable(tmp_path / "reliability.csv")
+        read_detectable(tmp_path / "reliability.csv", ())
+
+
+@pytest.mark.parametrize(("side", "unit"), [("", ""), ("", "deg"), ("left", ""), ("left", "°")])
+def test_a_minimal_detectable_change_without_the_side_or_unit_of_its_measure_is_refused(tmp_path, side, unit):
+    text = f"measure,side,unit,mdc95\nof_another_program,,,1.0\nknee_flexion_upright_mean,{side},{unit},9.0\n"
+    (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
+    folders = [session(tmp_path, 1), session(tmp_path, 2)]
+    named = rf"\({side or 'no side'}, {unit or 'no unit'}\)"
+    problem = rf"has knee_flexion_upright_mean {named}, but .* \(left, deg\) and \(right, deg\); write the columns side"
+    with pytest.raises(InputError, match=problem):
+        write_comparison(folders, tmp_path / "c.html", reliability=tmp_path / "reliability.csv")
+    assert not (tmp_path / "c.html").exists()
 
 
 def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
