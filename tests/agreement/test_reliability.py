@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from report_builder import squats, write_session
 
 from anchorpose.agreement.reliability import (
     absolute_agreement,
@@ -128,6 +129,25 @@ def test_a_session_in_another_unit_is_stated_and_gives_no_value(tmp_path, change
     if why is not None:
         assert found.why.startswith(why)
         assert found.icc_2_1 is None
+
+
+def _of_folders(path, repeated, *folders):
+    rows = [[f"p{n // 2}", n % 2, folder] for n, folder in enumerate(folders)]
+    return session_reliability(_sessions(path / "sessions.csv", [["subject", repeated, "results"], *rows]))
+
+
+def test_a_folder_or_recording_counts_once_unless_raters_or_devices_share_a_recording(tmp_path):
+    for n, recording in enumerate("abcdeff"):
+        hashes = {"recording.json": recording * 64, "events.tsv": f"{n}" * 64}
+        write_session(tmp_path / f"r{n}", squats(4), inputs_sha256=hashes)
+    assert _of_folders(tmp_path, "session", "r0", "r1", "r2", "r3", "r4", "r5")[0].subjects == 3
+    for repeated in ("session", "rater", "device"):
+        with pytest.raises(InputError, match="r0: is given twice"):
+            _of_folders(tmp_path, repeated, "r0", "r1", "r2", "../" + tmp_path.name + "/r0")
+    with pytest.raises(InputError, match=r"r6: was made from the same recording as .*r5;"):
+        _of_folders(tmp_path, "session", "r5", "r6")
+    for repeated in ("rater", "device"):
+        assert _of_folders(tmp_path, repeated, "r5", "r6")[0].repeats == 2
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Sessions side by side: what counts as a change, what is refused, and what is told of differences."""
 
+import json
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from event_builder import still, tracked
 from page_reader import PageReader
 from report_builder import MEASURES, squats, write_session
 from session_builder import measured
+from trials_builder import write_trial_results
 
 from anchorpose.cli import main
 from anchorpose.errors import InputError
@@ -57,6 +59,7 @@ def lasting(seconds: float, unknown_s: float = 0.0, sway_s: float = 20.0) -> tup
         row("sway_time", sway_s, "s"),
         row("sway_path", 10.0 * sway_s, "mm", 1.0),
         row("sway_velocity", 10.0, "mm/s", 0.1),
+        row("sway_ellipse_area", 0.1 * sway_s, "cm2", 0.01),
         row("hands_on_at_once_mean", 1.5, "count"),
     )
 
@@ -151,6 +154,7 @@ def test_of_about_the_same_length_a_change_is_tested_beyond_what_the_length_expl
 def test_the_path_of_sway_goes_with_the_time_that_sway_is_taken_from(tmp_path):
     changes, told = changes_of(tmp_path, lasting(60.0), lasting(60.0, sway_s=35.0))
     assert "not tested: more time for sway" in changes["sway, path"]
+    assert "not tested: more time for sway" in changes["sway, area of the 95 % ellipse"]
     assert "not tested: sway scatters" in changes["sway, mean speed"]
     assert "within the errors" in changes["time upright"]
     assert "for sway: 35.0 instead of 20.0 s" in told
@@ -180,6 +184,37 @@ def test_what_was_not_recorded_or_computed_alike_is_reported(tmp_path, run, sent
     told = [item.text for item in page.find("li")]
     assert any(sentence in item for item in told)
     assert not any(item.endswith("?.") for item in told)
+
+
+def with_stimulation(folder: Path, number: int, amplitudes: list[float | None] | None) -> Path:
+    """A week with trials of 4 s in turn, or without trials."""
+    written = write_trial_results(folder / f"r{number}", amplitudes or [None] * 10)
+    if amplitudes is None:
+        (written / "trials.parquet").unlink()
+        write_measured(written, ProcessingConfig(), MeasureConfig())
+    run = json.loads((written / "run.json").read_text(encoding="utf-8"))
+    run |= {"recording": f"week {number}", "inputs_sha256": {"recording.json": f"{number}" * 64}}
+    (written / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    return written
+
+
+@pytest.mark.parametrize(
+    ("later", "sentence"),
+    [
+        (
+            [None] + [40.0] * 9,
+            "36.0 s of on and 4.0 s of off in 40.0 s instead of 4.0 s of on and 36.0 s of off in 40.0 s",
+        ),
+        (None, "no trials instead of 4.0 s of on and 36.0 s of off in 40.0 s: measures of the whole recording mix"),
+        ([None] * 9 + [40.0], None),
+    ],
+)
+def test_other_times_in_the_conditions_are_stated(tmp_path, later, sentence):
+    """A patient who does not change seems to, if the second week has more stimulation; the order does not matter."""
+    folders = [with_stimulation(tmp_path, 1, [40.0] + [None] * 9), with_stimulation(tmp_path, 2, later)]
+    told = [item.text for item in PageReader(write_comparison(folders, tmp_path / "c.html")).find("li")]
+    assert any("mix the conditions" in item for item in told) == (sentence is not None)
+    assert sentence is None or any(sentence in item for item in told)
 
 
 def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
@@ -268,7 +303,19 @@ def test_the_larger_limit_counts_where_two_sessions_are_less_certain_than_the_re
 def test_another_table_of_reliability_is_refused(tmp_path, text, problem):
     (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=problem):
-        read_detectable(tmp_path / "reliability.csv")
+        read_detectable(tmp_path / "reliability.csv", ())
+
+
+@pytest.mark.parametrize(("side", "unit"), [("", ""), ("", "deg"), ("left", ""), ("left", "°")])
+def test_a_minimal_detectable_change_without_the_side_or_unit_of_its_measure_is_refused(tmp_path, side, unit):
+    text = f"measure,side,unit,mdc95\nof_another_program,,,1.0\nknee_flexion_upright_mean,{side},{unit},9.0\n"
+    (tmp_path / "reliability.csv").write_text(text, encoding="utf-8")
+    folders = [session(tmp_path, 1), session(tmp_path, 2)]
+    named = rf"\({side or 'no side'}, {unit or 'no unit'}\)"
+    problem = rf"has knee_flexion_upright_mean {named}, but .* \(left, deg\) and \(right, deg\); write the columns side"
+    with pytest.raises(InputError, match=problem):
+        write_comparison(folders, tmp_path / "c.html", reliability=tmp_path / "reliability.csv")
+    assert not (tmp_path / "c.html").exists()
 
 
 def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
@@ -276,9 +323,11 @@ def test_every_measure_that_is_computed_grows_with_time_or_does_not(tmp_path):
     rows = write_measured(folder, ProcessingConfig(), MeasureConfig()).measures
     grown = {row.measure for row in rows if grows_with_time(row)}
     growing = "upright_time upright_bouts longest_upright_bout knee_straight_time sit_to_stand_count sway_path contacts"
-    growing += " stand_to_sit_duration_longest assistance_time hands_free_upright_time"
+    growing += " stand_to_sit_duration_longest assistance_time hands_free_upright_time sway_ellipse_area sway_rms_ap"
+    growing += " sway_rms_ml knee_buckle_latency knee_extended_latency tremor_knee_amplitude"
     assert grown >= set(growing.split())
     steady = "upright_share sit_to_stand_duration_mean knee_flexion_upright_greatest sway_velocity load_share"
+    steady += " tremor_knee_frequency knee_buckle_rate"
     assert not grown & {*steady.split(), "assistance_share_upright", "hands_on_at_once_mean"}
 
 

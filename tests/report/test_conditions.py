@@ -126,6 +126,13 @@ def test_below_the_minimal_detectable_change_nothing_is_shown(folder, tmp_path):
     assert rows["knee flexion while upright, mean, right"]["on"][3] == "a difference: p 0.031"
 
 
+def test_a_minimal_detectable_change_of_no_side_is_refused_for_trials_too(folder, tmp_path):
+    table = tmp_path / "reliability.csv"
+    table.write_text("measure,side,unit,mdc95\nknee_flexion_upright_mean,,deg,9.5\n")
+    with pytest.raises(InputError, match=r"has knee_flexion_upright_mean \(no side, deg\)"):
+        write_report(folder, table)
+
+
 def test_the_minimal_detectable_change_of_a_session_s_time_is_not_that_of_a_trial(tmp_path):
     session = with_trials(write_trial_results(tmp_path / "r", IN_TURN), trials_in_turn(IN_TURN))
     shorter = {row.trial: 0.02 * row.trial for row in session.trial_measures if row.condition == "off" and row.trial}

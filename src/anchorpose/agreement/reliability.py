@@ -12,11 +12,12 @@ weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of tr
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy import stats
@@ -25,8 +26,11 @@ from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
 from anchorpose.errors import InputError
 from anchorpose.options import plain_number
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
+from anchorpose.recording.events import GIVEN
+from anchorpose.recording.regular_file import is_there
 from anchorpose.results.ratings import RATING, RATING_UNIT, Ratings, read_ratings
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
+from anchorpose.results.run_record import RUN_FILE, read_run
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 from anchorpose.results.verify import require_own
@@ -242,10 +246,12 @@ def _read(path: Path) -> list[dict[str, str]]:
 
 def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values:
     found: Values = {}
-    first = None
+    first, used = None, dict[str, Path]()
     for row in rows:
         file = path.parent / row["results"] / MEASURES_FILE
-        require_own(file.parent, (JOINTS_FILE, MEASURES_FILE))
+        run = read_run(file.parent / RUN_FILE) if is_there(file.parent / RUN_FILE) else {}
+        require_own(file.parent, (JOINTS_FILE, MEASURES_FILE), run)
+        _require_different(file.parent, run, row["subject"] if repeated == "session" else None, used)
         definition = read_definition(file) if file.is_file() else None
         first = first or definition
         measures = read_measures(file)
@@ -260,6 +266,23 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
             if m.part is None and m.person is None
         }
     return found
+
+
+def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None, used: dict[str, Path]) -> None:
+    """Raise InputError if the folder, or another session's recording of the same subject, is in ``used``; add both to
+    ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
+    """
+    hashes = run.get("inputs_sha256", {}).items()
+    files = sorted(f"{name} {sha}" for name, sha in hashes if not name.startswith(("events.", GIVEN)))
+    keys = {str(folder.resolve()): "is given twice"}
+    if files and subject is not None:
+        # a digest, since the hashes of an hour's depth images fill a hundred megabytes
+        recording = hashlib.sha256("\n".join([subject, *files]).encode()).hexdigest()
+        keys[recording] = f"was made from the same recording as {used.get(recording)}"
+    for key, problem in keys.items():
+        if key in used:
+            raise InputError(folder, problem, "give another recording, or leave the line out")
+        used[key] = folder
 
 
 def _of_numbers(path: Path, rows: list[dict[str, str]], repeated: str) -> Values:

@@ -2,9 +2,9 @@
 reader must know.
 
 Some measures grow when the recording is longer, or when the posture is known for a longer part of it: for example time
-upright, number of rises, longest time upright, path of the sway. Between sessions of different lengths, a change of
-such a measure says nothing about the patient, so it is shown but not tested. Shares, means, speeds and percentiles do
-not grow with time.
+upright, number of rises, longest time upright, path and extent of the sway. Between sessions of different lengths, a
+change of such a measure says nothing about the patient, so it is shown but not tested. Shares, speeds, percentiles, and
+means of angles and durations do not grow with time.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ ALIKE: Final = 0.05
 the limit of what counts as a change (``TimeGap.share``).
 """
 
-_SWAY: Final = ("sway_path", "sway_path_noise")
+_SWAY: Final = ("sway_path", "sway_path_noise", "sway_rms_ap", "sway_rms_ml", "sway_ellipse_area")
+"""Measures of sway that grow with the time over which sway is computed: in longer bouts, the body drifts farther."""
 
-SCATTERING: Final = (*_SWAY, "sway_velocity", "sway_rms_ap", "sway_rms_ml", "sway_ellipse_area")
+SCATTERING: Final = (*_SWAY, "sway_velocity")
 """Measures that scatter from minute to minute far more than errors of measurement do: the ellipse of an unchanged
 patient by a third. A change between two sessions is tested only by the minimal detectable change of repeated sessions.
 """
@@ -47,6 +48,7 @@ _EXTREMES: Final = (
     "_most",
     "_largest",
     "_range",
+    "_amplitude",
 )  # endings of the names of measures that are an extreme of all repetitions: more repetitions give a more extreme value
 
 
@@ -58,9 +60,11 @@ class Span(NamedTuple):
 
 
 def grows_with_time(measure: Measure) -> bool:
-    """Return whether a measure's value would be larger (or more extreme) if the training took twice as long."""
+    """Return whether a measure's value would be larger (or more extreme) if the training took twice as long. Latencies
+    grow with time because late events are missing from a short trial.
+    """
     name = measure.measure
-    grows = name.endswith(("_time", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
+    grows = name.endswith(("_time", "_latency", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
     return (grows or name in (*_SWAY, *_LARGEST)) and name not in _AVERAGED
 
 
@@ -99,8 +103,8 @@ def span_sentences(first: Sequence[Measure], later: Sequence[Measure]) -> list[s
     known posture, and the time over which sway is computed.
     """
     return [
-        f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that times, counts, extremes "
-        "and paths taken over it are not tested"
+        f"{old.words}: {number(new.seconds, 1)} instead of {number(old.seconds, 1)} s, so that measures that "
+        "grow with it are not tested"
         for old, new in zip(_spans(first), _spans(later), strict=True)
         if old.seconds is not None and new.seconds is not None and _differ(old.seconds, new.seconds)
     ]
@@ -130,6 +134,11 @@ def _differ(old_s: float, new_s: float) -> bool:
     return _apart(old_s, new_s) > ALIKE
 
 
+MIXED: Final = 0.1
+"""Maximum difference between a condition's shares of two recordings that is not stated. If a condition changes an angle
+by 10 degrees, a difference of a tenth shifts the mean over the recording by 1 degree, which is about its error.
+"""
+
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; all others are only counted
 
 
@@ -149,7 +158,7 @@ def require_comparable(sessions: Sequence[Session]) -> None:
 
 def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]:
     """Return sentences on how each later session differs from the first: in program version, settings, cameras, frame
-    rate, time spans and the patient's learnt height.
+    rate, time spans, time in each condition and the patient's learnt height.
     """
     first, notes = sessions[0], []
     for later, label in zip(sessions[1:], labels[1:], strict=True):
@@ -159,6 +168,7 @@ def differences(sessions: Sequence[Session], labels: Sequence[str]) -> list[str]
             *_cameras(first.run, later.run),
             *_rates(first.joints.time_s, later.joints.time_s),
             *span_sentences(first.measures, later.measures),
+            *_conditions(first, later),
             *_bodies(first.run, later.run),
         ]
         ended = [sentence if sentence.endswith("?") else f"{sentence}." for sentence in sentences]
@@ -245,6 +255,36 @@ def _rates(first_s: np.ndarray, later_s: np.ndarray) -> list[str]:
 
 def _rate_hz(time_s: np.ndarray) -> float | None:
     return None if len(time_s) < 2 else (len(time_s) - 1) / float(time_s[-1] - time_s[0])
+
+
+def _conditions(first: Session, later: Session) -> list[str]:
+    old, new = _condition_times_s(first), _condition_times_s(later)
+    names = list(dict.fromkeys([*old, *new]))
+    old_s, new_s = (_spans(each.measures)[0].seconds or math.nan for each in (first, later))
+    alike = all(abs(new.get(name, 0.0) / new_s - old.get(name, 0.0) / old_s) <= MIXED for name in names)
+    if bool(old) == bool(new) and alike:
+        return []
+    times = [_condition_words(each, names, whole_s) for each, whole_s in ((new, new_s), (old, old_s))]
+    return [
+        f"{' instead of '.join(times)}: measures of the whole recording mix the conditions, so these times alone may "
+        "change them"
+    ]
+
+
+def _condition_times_s(session: Session) -> dict[str, float]:
+    """Return the recorded time of all trials by condition; empty for a session without trials."""
+    found: dict[str, float] = {}
+    for row in session.trial_measures:
+        if row.measure == "recorded_time" and row.condition is not None and row.trial is not None:
+            found[row.condition] = found.get(row.condition, 0.0) + (row.value or 0.0)
+    return found
+
+
+def _condition_words(times_s: dict[str, float], names: Sequence[str], whole_s: float) -> str:
+    if not times_s:
+        return "no trials"
+    times = [f"{number(times_s.get(name, 0.0), 1)} s of {name}" for name in names]
+    return f"{listed(times)} in {number(whole_s, 1)} s"
 
 
 def _bodies(first: dict[str, Any], later: dict[str, Any]) -> list[str]:

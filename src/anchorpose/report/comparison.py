@@ -67,7 +67,8 @@ def write_comparison(
     days = parse_dates(dates, len(folders), page)
     sessions = [read_session(folder, f"s{number}") for number, folder in enumerate(folders, 1)]
     require_comparable(sessions)
-    detectable = {} if reliability is None else read_detectable(reliability)
+    measures = [measure for session in sessions for measure in session.measures]
+    detectable = {} if reliability is None else read_detectable(reliability, measures)
     names = _labels(sessions, labels)
     text = _page(sessions, names, detectable, days or parse_dates(dates_in(names), len(folders), page))
     with new_folder(page.resolve().parent, page):

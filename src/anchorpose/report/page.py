@@ -284,7 +284,7 @@ def write_report(
         raise InputError(results, "has no trials whose conditions could be compared", remedy)
     if session.trials is not None and reference:
         session = with_reference(session, session.trials, reference)
-    detectable = {} if reliability is None else read_detectable(reliability)
+    detectable = {} if reliability is None else read_detectable(reliability, session.trial_measures)
     write_text_whole(results / REPORT_FILE, _page(session, detectable, measures))
     return results / REPORT_FILE
 

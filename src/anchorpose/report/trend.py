@@ -181,8 +181,9 @@ def _follow(sessions: Sequence[Session], key: MeasureKey, x: np.ndarray) -> _Fol
         return _Followed(like, x, value, sigma, None, f"only {days} days have a value, {LEAST_SESSIONS} are needed")
     used = [each for each, here in zip(sessions, known, strict=True) if here]
     gaps = [time_gap(like, used[0].measures, each.measures) for each in used]
-    if any(gap.why for gap in gaps[1:]):
-        return _Followed(like, x, value, sigma, None, "it grows with time, and the sessions last differently")
+    why = next((gap.why for gap in gaps if gap.why), None)
+    if why is not None:
+        return _Followed(like, x, value, sigma, None, f"it grows with time ({why})")
     if np.ptp(value[known]) == 0.0:
         return _Followed(like, x, value, sigma, None, "it has the same value in all sessions")
     allowed = float(np.abs(value[known]).max()) * np.array([gap.share for gap in gaps])
