@@ -1,6 +1,7 @@
 """Depth images in memory become the recording that files would be, and what does not fit is refused in one sentence."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,12 +43,40 @@ def test_images_and_times_are_those_that_were_given(tmp_path):
         np.testing.assert_allclose(beside, DEPTH[2 - frame], atol=0.0005)
 
 
-def test_equipment_is_that_of_the_file(tmp_path):
+@pytest.mark.parametrize("kind", [Path, str])
+def test_equipment_is_that_of_the_file(tmp_path, kind):
     given = open_recording(write_recording(tmp_path / "given"))
     (tmp_path / "own").mkdir()
     equipment = tmp_path / "given" / "equipment.json"
-    recording = open_recording(replace(WHOLE, equipment=equipment).write(tmp_path / "own"))
+    recording = open_recording(replace(WHOLE, equipment=kind(equipment)).write(tmp_path / "own"))
     assert [part.name for part in recording.equipment.parts] == [part.name for part in given.equipment.parts]
+
+
+def test_numbers_of_arrays_and_data_frames_are_numbers(tmp_path):
+    lens = anchorpose.Intrinsics(
+        fx=np.float32(30.0), fy=np.float32(30.0), cx=np.float32(16.0), cy=np.array(12.0), distortion=np.zeros(5)
+    )
+    pose = np.eye(4, dtype=np.float32)
+    pose[:3, 3] = (0.5, 1.25, -2.0)
+    camera = anchorpose.Camera(
+        name="front",
+        width=np.int64(32),
+        height=np.uint16(24),
+        depth_scale=np.float64(0.001),
+        intrinsics=lens,
+        T_world_camera=[list(row) for row in pose],
+    )
+    subject = anchorpose.Subject(
+        height_m=np.float64(1.75), birth_year=np.int64(1950), missing=np.array(["hand_left", "foot_left"])
+    )
+    recording = open_recording(replace(WHOLE, cameras=(camera,), subject=subject).write(tmp_path))
+    (found,) = recording.cameras
+    assert found.intrinsics == CAMERA.intrinsics
+    assert (found.width, found.height, found.depth_scale) == (32, 24, 0.001)
+    np.testing.assert_array_equal(found.T_world_camera, pose)
+    assert recording.subject == anchorpose.Subject(height_m=1.75, birth_year=1950, missing=("hand_left", "foot_left"))
+    with pytest.raises(anchorpose.AnchorposeError, match=r"give \(24, 32\)"):
+        grey_of(DEPTH[0, :10], camera)
 
 
 def test_no_reading_is_zero_in_a_file():
@@ -64,6 +93,10 @@ def test_no_reading_is_zero_in_a_file():
     [
         ({"depth_m": {}}, "front has no depth images; give"),
         ({"time_s": {}}, "front has no times; give"),
+        ({"depth_m": {"front": DEPTH, "Side": DEPTH}}, "camera Side is unknown; name one of front"),
+        ({"time_s": {"front": np.arange(3.0), "Side": np.arange(3.0)}}, "camera Side is unknown; name one of front"),
+        ({"empty_room_m": {"Front": DEPTH[0]}}, "camera Front is unknown; name one of front"),
+        ({"cameras": (replace(CAMERA, T_world_camera=[[1.0, 0.0], [0.0]]),)}, "four rows of four numbers"),
         ({"time_s": np.array([0.0, 0.1])}, "3 depth images and 2 times; give one"),
         ({"time_s": np.array([0.0, 0.1, 0.1])}, "do not rise at 0.1 s; sort"),
         ({"depth_m": {"front": DEPTH[:, :20]}}, r"shape \(20, 32\); give \(24, 32\)"),

@@ -47,6 +47,15 @@ def test_a_dataset_has_the_dimensions_of_movement(results):
     assert float(hand.confidence[0]) == pytest.approx(chi2.cdf(25.0, 3))
 
 
+def test_a_change_to_a_dataset_does_not_change_the_results(results):
+    before = results.to_xarray().copy(deep=True)
+    changed = results.to_xarray()
+    changed["position"] *= 1000.0
+    changed["sigma"] *= 1000.0
+    assert results.to_xarray().identical(before)
+    np.testing.assert_array_equal(results.joint_table.position_m[:, 0, :], before.position[:, :, 0, 0])
+
+
 def test_confidence_falls_with_sigma_and_uneven_times_have_no_rate(tmp_path):
     frames = [
         make_frame(k, time_s, PLACES, sigma_m=sigma)

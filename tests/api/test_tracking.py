@@ -43,6 +43,8 @@ def test_frames_that_come_one_after_another_give_poses_once_the_first_seconds_ar
         assert [pose is None for pose in poses] == [k < 15 for k in range(FRAMES)]
         assert tracker.why == ""
         assert tracker.height_m == pytest.approx(np.ptp(truth[0, :, 1]) + 0.15, abs=0.15)
+    with pytest.raises(anchorpose.AnchorposeError, match="closed; make a new Tracker"):
+        tracker.step(images_of(recording, 0), FRAMES / 15.0)
     for pose in poses[15:]:
         away_m = np.linalg.norm(pose.joints_m - truth[pose.frame], axis=1)
         assert away_m.mean() < NEAR_M
@@ -120,6 +122,22 @@ def test_a_frame_that_does_not_fit_is_refused_and_the_next_one_is_taken(simulate
                 tracker.step(wrong, time_s)
         assert tracker.step(images, 2.0) is None
         assert tracker.why == "1.0 of the first 6 s were looked at"
+
+
+def test_an_empty_room_of_an_unknown_camera_is_refused_and_leaves_no_folder(simulated, tmp_path, monkeypatch):
+    recording, _ = simulated
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(anchorpose.AnchorposeError, match="camera Front is unknown; name one of front"):
+        anchorpose.Tracker(recording.cameras, empty_room_m={"Front": recording.backgrounds_m[0]})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_tracker_accepts_no_frame(simulated):
+    recording, _ = simulated
+    with anchorpose.Tracker(recording.cameras) as tracker:
+        tracker.step(images_of(recording, 0), 0.0)
+    with pytest.raises(anchorpose.AnchorposeError, match="closed; make a new Tracker"):
+        tracker.step(images_of(recording, 1), 0.1)
 
 
 @pytest.mark.thorough

@@ -129,6 +129,17 @@ def test_evaluate_prints_the_figures_and_writes_them(tmp_path, capsys):
         (["evaluate", "out", "--truth", "t.npz"], "joints.parquet"),
         (["report", "out"], "run.json"),
         (["evaluate", "out", "--truth", "t.npz", "--skip-s", "-1"], "--skip-s"),
+        (["evaluate", "out", "--reference", "a.trc", "--json", "e.json"], "--json belongs to --truth; leave it out"),
+        (["evaluate", "out", "--labels", "l.csv", "--skip-s", "2"], "--skip-s belongs to --truth; leave it out"),
+        (["evaluate", "out", "--truth", "t.npz", "-o", "a"], "--output belongs to --reference; leave it out"),
+        (["evaluate", "out", "--truth", "t.npz", "--overwrite"], "--overwrite belongs to --reference; leave it out"),
+        (["evaluate", "out", "--labels", "l.csv", "--subject", "a"], "--subject belongs to --reference; leave it out"),
+        (["evaluate", "out", "--truth", "t.npz", "--hip", "functional"], "--hip belongs to --reference; leave it out"),
+        (
+            ["evaluate", "out", "--labels", "l.csv", "--recording", "r", "--exchange-sides"],
+            "--exchange-sides belongs to --reference; leave it out",
+        ),
+        (["evaluate", "out", "--reference", "a.trc", "--recording", "r"], "--recording belongs to --labels; leave it"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_a_remedy(tmp_path, monkeypatch, refusal, command, sentence):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from anchorpose.camera import Camera
 from anchorpose.errors import AnchorposeError
 from anchorpose.live.recorder import EMPTY_ROOM_FILE, copy_equipment
-from anchorpose.recording.document import validate
+from anchorpose.recording.document import plain_values, validate
 from anchorpose.recording.recording import UNKNOWN, Subject
 from anchorpose.recording.recording_file import RECORDING_FILE, RecordingDocument
 from anchorpose.sources.plan import CameraPlan, CameraWriter, encode_grey
@@ -32,22 +32,24 @@ class Setup:
 
     cameras: Sequence[Camera]
     subject: Subject = UNKNOWN
-    equipment: Path | None = None
+    equipment: Path | str | None = None
     empty_room_m: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @contextmanager
     def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
         """Make a recording in an existing empty folder, and open its cameras' folders for writing images.
 
-        Raises InputError if the description of a camera, the patient or the equipment is wrong.
+        Raises InputError if the description of a camera, the patient or the equipment is wrong, and AnchorposeError if
+        an empty room belongs to no camera.
         """
+        require_known(self.empty_room_m, self.cameras)
         plans = [CameraPlan(camera=camera) for camera in self.cameras]
         document = self._document([plan.document() for plan in plans])
         validate(Path("cameras and subject"), RecordingDocument, document)
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(folder / plan.camera.name, plan)) for plan in plans]
             if self.equipment is not None:
-                copy_equipment(self.equipment, self.equipment.parent, folder)
+                copy_equipment(Path(self.equipment), Path(self.equipment).parent, folder)
             for camera in self.cameras:
                 if camera.name in self.empty_room_m:
                     grey = grey_of(self.empty_room_m[camera.name], camera)
@@ -57,10 +59,11 @@ class Setup:
 
     def _document(self, cameras: Sequence[dict[str, Any]]) -> dict[str, Any]:
         document: dict[str, Any] = {"format": "rgbd-recording", "version": 1, "cameras": list(cameras)}
-        if stated := {key: value for key, value in asdict(self.subject).items() if value not in (None, ())}:
+        subject = plain_values(asdict(self.subject))
+        if stated := {key: value for key, value in subject.items() if value not in (None, [])}:
             document["subject"] = stated
         if self.equipment is not None:
-            document["equipment"] = self.equipment.name
+            document["equipment"] = Path(self.equipment).name
         return document
 
 
@@ -78,8 +81,11 @@ class DepthImages(Setup):
     def write(self, folder: Path) -> Path:
         """Write the recording into an existing empty folder, and return the folder.
 
-        Raises AnchorposeError if images are missing, or do not fit their camera or their times.
+        Raises AnchorposeError if images are missing, or do not fit their camera or their times, or if the name of a
+        camera is unknown.
         """
+        require_known(self.depth_m, self.cameras)
+        require_known(self.time_s if isinstance(self.time_s, Mapping) else (), self.cameras)
         series = [(camera, self._images(camera), self._times(camera)) for camera in self.cameras]
         with self.writers(folder) as writers:
             for writer, (camera, images, times) in zip(writers, series, strict=True):
@@ -104,6 +110,13 @@ class DepthImages(Setup):
         return np.asarray(times, dtype=np.float64)
 
 
+def require_known(names: Iterable[str], cameras: Sequence[Camera]) -> None:
+    """Raise AnchorposeError if a name belongs to none of the cameras."""
+    known = [camera.name for camera in cameras]
+    if unknown := [name for name in names if name not in known]:
+        raise AnchorposeError(f"The camera {unknown[0]} is unknown; name one of {', '.join(known)}.")
+
+
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Convert a depth image in metres to grey values (height, width) uint16, the form of the camera's files.
 
@@ -113,7 +126,7 @@ def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     depth = np.asarray(depth_m)
     if depth.shape != (camera.height, camera.width):
         problem = f"A depth image of camera {camera.name} has the shape {depth.shape}"
-        raise AnchorposeError(f"{problem}; give {(camera.height, camera.width)}, rows first.")
+        raise AnchorposeError(f"{problem}; give ({camera.height}, {camera.width}), rows first.")
     grey = np.rint(np.where(np.isfinite(depth), depth, 0.0) / camera.depth_scale)
     if grey.min() < 0:
         problem = f"Camera {camera.name} has negative depth readings"

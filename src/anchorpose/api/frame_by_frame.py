@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.api.arrays import Setup, grey_of
+from anchorpose.api.arrays import Setup, grey_of, require_known
 from anchorpose.camera import Camera, places_of
 from anchorpose.errors import AnchorposeError
 from anchorpose.isolation.other_place import without_other_places
@@ -111,12 +111,12 @@ class Tracker:
         self._setup = replace(
             known,
             subject=subject or known.subject,
-            equipment=known.equipment if equipment is None else Path(equipment),
+            equipment=known.equipment if equipment is None else equipment,
             empty_room_m=empty_room_m or known.empty_room_m,
         )
         self._options = LiveOptions(config=config or TrackConfig(), start_s=start_s)
         self.why = "no image was given yet"
-        self._frame, self._last_s = -1, -np.inf
+        self._frame, self._last_s, self._closed = -1, -np.inf, False
         self._prepared: Prepared | None = None
         self._follower: Follower | None = None
         self._begin()
@@ -130,7 +130,8 @@ class Tracker:
         self.close()
 
     def close(self) -> None:
-        """Remove the temporary folder. No more images are accepted."""
+        """Remove the temporary folder. From then on, ``step`` raises AnchorposeError."""
+        self._closed = True
         self._stack.close()
 
     @property
@@ -150,13 +151,13 @@ class Tracker:
         depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
         missing camera has no image in this frame. time_s: time of the frame, later than the time of the previous frame.
         The step that ends the first seconds also learns the body, so it takes much longer. Raises AnchorposeError if an
-        argument does not fit the cameras or the previous frames.
+        argument does not fit the cameras or the previous frames, or if the tracker is closed.
         """
+        if self._closed:
+            raise AnchorposeError("This Tracker is closed; make a new Tracker.")
         if not time_s > self._last_s:
             raise AnchorposeError(f"The frame at {time_s:g} s is not later than the one before; give increasing times.")
-        names = [camera.name for camera in self._setup.cameras]
-        if unknown := [name for name in depth_m if name not in names]:
-            raise AnchorposeError(f"The camera {unknown[0]} is unknown; name one of {', '.join(names)}.")
+        require_known(depth_m, self._setup.cameras)
         greys = [
             None if depth_m.get(camera.name) is None else grey_of(depth_m[camera.name], camera)
             for camera in self._setup.cameras
@@ -170,10 +171,12 @@ class Tracker:
 
     def _begin(self) -> None:
         """Start collecting the first seconds with the next frame."""
-        self._stack, self._began_s = ExitStack(), np.nan
-        self._folder = Path(mkdtemp(prefix="anchorpose-"))
-        self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
-        self._writers: list[CameraWriter] = self._stack.enter_context(self._setup.writers(self._folder))
+        self._began_s = np.nan
+        with ExitStack() as stack:
+            self._folder = Path(mkdtemp(prefix="anchorpose-"))
+            stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+            self._writers: list[CameraWriter] = stack.enter_context(self._setup.writers(self._folder))
+            self._stack = stack.pop_all()
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
         """Store a frame of the first seconds, and return None. At the end of the first seconds, learn from their frames

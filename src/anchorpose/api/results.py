@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -99,7 +100,8 @@ class Results:
             raise MissingPackage("A dataset", "xarray", "frames") from None
         from scipy.stats import chi2
 
-        table, joint = self.joint_table, ("time", "keypoints", "individuals")
+        table = deepcopy(self.joint_table)  # so that a change to the dataset does not change ``joint_table``
+        joint = ("time", "keypoints", "individuals")
         states = np.array([str(state) for state in JointState])[table.state_code]
         near = chi2.cdf((WITHIN_M / table.sigma_m) ** 2, df=3)
         attributes: dict[str, Any] = {"source_software": f"anchorpose {__version__}", "ds_type": "poses"}

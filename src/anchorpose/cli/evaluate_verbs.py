@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import Parameter
 
 from anchorpose.cli.console import say, show_table
 from anchorpose.cli.settings_file import SettingsFile
-from anchorpose.errors import InputError
+from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.options import DAY_S, OUTPUT, ReferenceSettings, between
 
 if TYPE_CHECKING:
@@ -49,6 +49,14 @@ class ReferenceOptions:
     """With --labels: the recording folder."""
 
 
+OPTIONS_OF: Final = {
+    "truth": ("json", "skip_s"),
+    "reference": ("output", "overwrite", "subject", *(field.name for field in fields(ReferenceSettings))),
+    "labels": ("recording",),
+}
+"""The options that belong to each of --truth, --reference and --labels."""
+
+
 def evaluate(
     results: Path,
     /,
@@ -79,18 +87,31 @@ def evaluate(
     skip
         With --truth: leave out this many seconds at the start.
     """
-    chosen = options or ReferenceOptions()
+    chosen, settings = options or ReferenceOptions(), reading or ReferenceSettings()
     given = [name for name in ("reference", "labels") if getattr(chosen, name)] + (["truth"] if truth else [])
     if len(given) != 1:
         raise InputError(results, "can be compared with one thing at a time", "give --truth, --reference or --labels")
     if given != ["reference"] and others:
         raise InputError(others[0], "is a second results folder", "give several folders with --reference only")
+    _require_own_options(given[0], {"json": json, "skip_s": skip, **vars(chosen), **vars(settings)})
     if truth is not None:
         _with_truth(results, truth, json, skip)
     elif chosen.labels is not None:
         _with_labels(results, chosen.labels, chosen.recording)
     else:
-        _with_reference((results, *others), chosen, reading or ReferenceSettings())
+        _with_reference((results, *others), chosen, settings)
+
+
+def _require_own_options(mode: str, values: dict[str, Any]) -> None:
+    """Raise AnchorposeError if an option has been given that does not belong to ``mode``, a key of OPTIONS_OF.
+
+    values: the value of each option by its name.
+    """
+    defaults = {"json": None, "skip_s": 0.0, **vars(ReferenceOptions()), **vars(ReferenceSettings())}
+    for other, names in OPTIONS_OF.items():
+        for name in names:
+            if other != mode and values[name] != defaults[name]:
+                raise AnchorposeError(f"--{name.replace('_', '-')} belongs to --{other}; leave it out.")
 
 
 def _with_reference(results: tuple[Path, ...], options: ReferenceOptions, reading: ReferenceSettings) -> None:

@@ -208,6 +208,17 @@ def validate(path: Path, kind: type[Document], values: Any) -> Document:
     return found
 
 
+def plain_values(value: Any) -> Any:
+    """Return a value in the form of JSON: numpy's numbers, arrays and tuples, also inside it, become Python's numbers
+    and lists.
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: plain_values(inner) for key, inner in value.items()}
+    return [plain_values(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)

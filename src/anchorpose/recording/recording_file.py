@@ -30,6 +30,7 @@ from anchorpose.recording.document import (
     Version,
     Whole,
     numbers,
+    plain_values,
     read_document,
     read_rows,
     require_file_name,
@@ -325,23 +326,26 @@ class RecordingDocument(Entry):
 
 def camera_document(camera: Camera) -> dict[str, Any]:
     """Return a camera in the form of recording.json."""
-    lens, pose = camera.intrinsics, camera.T_world_camera
-    return {
-        "name": camera.name,
-        "width": camera.width,
-        "height": camera.height,
-        "depth_scale": camera.depth_scale,
-        "intrinsics": {
-            "fx": lens.fx,
-            "fy": lens.fy,
-            "cx": lens.cx,
-            "cy": lens.cy,
-            **({} if lens.model is LensModel.BROWN_CONRADY else {"model": lens.model.value}),
-            "distortion": list(lens.distortion),
-            **({} if lens.valid_radius is None else {"valid_radius": lens.valid_radius}),
-        },
-        "camera_to_world": None if pose is None else pose.tolist(),
-    }
+    lens = camera.intrinsics
+    document: dict[str, Any] = plain_values(
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "depth_scale": camera.depth_scale,
+            "intrinsics": {
+                "fx": lens.fx,
+                "fy": lens.fy,
+                "cx": lens.cx,
+                "cy": lens.cy,
+                **({} if lens.model is LensModel.BROWN_CONRADY else {"model": lens.model.value}),
+                "distortion": lens.distortion,
+                **({} if lens.valid_radius is None else {"valid_radius": lens.valid_radius}),
+            },
+            "camera_to_world": camera.T_world_camera,
+        }
+    )
+    return document
 
 
 def with_height(recording: Recording, height_m: float | None) -> Recording:
