@@ -181,9 +181,9 @@ def test_where_it_is_not_known_how_long_a_session_was_nothing_is_claimed(tmp_pat
 def test_what_was_not_recorded_or_computed_alike_is_reported(tmp_path, run, sentence):
     folders = [session(tmp_path, 1), session(tmp_path, 2, **run)]
     page = PageReader(write_comparison(folders, tmp_path / "c.html"))
-    told = [item.text for item in page.find("li")]
-    assert any(sentence in item for item in told)
-    assert not any(item.endswith("?.") for item in told)
+    sentences = [item.text for item in page.find("li")]
+    assert any(sentence in item for item in sentences)
+    assert not any(item.endswith("?.") for item in sentences)
 
 
 def with_stimulation(folder: Path, number: int, amplitudes: list[float | None] | None) -> Path:
@@ -212,9 +212,9 @@ def with_stimulation(folder: Path, number: int, amplitudes: list[float | None] |
 def test_other_times_in_the_conditions_are_stated(tmp_path, later, sentence):
     """A patient who does not change seems to, if the second week has more stimulation; the order does not matter."""
     folders = [with_stimulation(tmp_path, 1, [40.0] + [None] * 9), with_stimulation(tmp_path, 2, later)]
-    told = [item.text for item in PageReader(write_comparison(folders, tmp_path / "c.html")).find("li")]
-    assert any("mix the conditions" in item for item in told) == (sentence is not None)
-    assert sentence is None or any(sentence in item for item in told)
+    sentences = [item.text for item in PageReader(write_comparison(folders, tmp_path / "c.html")).find("li")]
+    assert any("mix the conditions" in item for item in sentences) == (sentence is not None)
+    assert sentence is None or any(sentence in item for item in sentences)
 
 
 def test_measures_of_another_version_are_refused_with_the_remedy(tmp_path):
