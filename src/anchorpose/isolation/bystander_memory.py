@@ -48,6 +48,10 @@ class BystanderMemory:
         """Return the memory without the patient."""
         return self.without(np.array([PixelLabel.PATIENT]))
 
+    def since(self, hidden_s: float) -> BystanderMemory:
+        """Return the memory without skin that has been hidden for longer than ``hidden_s`` seconds."""
+        return self._of(self.age_s <= hidden_s)
+
     def without(self, labels: np.ndarray) -> BystanderMemory:
         """Return the memory without the people with these labels (k,)."""
         return self._of(~np.isin(self.owner, labels))

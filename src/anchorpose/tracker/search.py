@@ -27,6 +27,8 @@ from anchorpose.tracker.start import NoStart
 # inexact
 NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, speed at which people walk
+# s, time for which hidden skin of bystanders is remembered while the patient is lost, who may reappear at its place
+FORGET_S: Final = 1.0
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
 # m, width of half a trunk or a head; if the visible strip of a patient at the image border is narrower, the patient is
 # leaving
@@ -77,7 +79,7 @@ class Search:
     _left: bool
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
-        self.memory, self._time_s = now.memory.without_patient, now.frame_set.time_s
+        self.memory, self._time_s = now.memory.without_patient.since(FORGET_S), now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
         # people who came later have this label or a higher label; the last possible label may stand for several people
@@ -95,7 +97,7 @@ class Search:
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self.memory, None, elapsed_s, cameras)
-        self.memory = update_memory(self.memory, pieces, views, cameras, elapsed_s)
+        self.memory = update_memory(self.memory, pieces, views, cameras, elapsed_s).since(FORGET_S)
         self._time_s = frame_set.time_s
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
