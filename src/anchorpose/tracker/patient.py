@@ -373,8 +373,8 @@ class PatientTracker:
         return best
 
     def _is_doubtful(self, found: Registration) -> bool:
-        """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and a person is
-        found or the descriptor checks the frame.
+        """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and either a
+        person is found or the descriptor checks the frame.
         """
         return self.last.gone_s > 0.0 and (found.found or is_described(self.window[1].frame_set))
 

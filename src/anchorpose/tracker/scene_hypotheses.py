@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.pose import PARTS, Pose
+from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, TRUNK, Pose
 from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import DECIDED, LEAST_GAIN, believed
@@ -29,6 +29,7 @@ from anchorpose.isolation.patient_label import LAST_LABEL
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.separation import first_free
 from anchorpose.isolation.view import PixelLabel, View
+from anchorpose.joints import JOINT_COUNT
 from anchorpose.tracker.bystanders import (
     GROWTH_M_S,
     SKIN_SIGMA_M,
@@ -45,10 +46,16 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import NEAR_M, WALK_M_S, LastSeen
 from anchorpose.tracker.sighting import TWO_PEOPLE_M
 
+# m, error of the place of a rough body's trunk
+ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
 # nats, cost of a person who is in view and was not seen before, or who was in view and is gone: once in 400 frames
 STRANGE: Final = 6.0
+# (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
+# are often misplaced
+EVERY: Final = np.ones(JOINT_COUNT, dtype=bool)
+OF_TRUNK: Final = LIMB_OF_JOINTS == TRUNK
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,14 +86,13 @@ class ExpectedJoints:
     """The places at which a person's joints are expected."""
 
     joints_m: np.ndarray  # (21, 3) world
-    sigma_m: float  # m, as for the predicted skin of bystanders
+    sigma_m: float  # m, standard deviation of each joint from its expected place
 
-    def cost(self, joints_m: np.ndarray) -> float:
-        """Return the cost, in nats, of the movement to the joints (21, 3). The joints of one part move together, so
-        that all joints of a body count as ``PARTS``.
-        """
-        away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
-        return PARTS * float(np.where(away < USUAL, 0.5 * away**2, USUAL * away - 0.5 * USUAL**2).mean())
+    def cost(self, joints_m: np.ndarray, counted: np.ndarray) -> float:
+        """Return the cost, in nats, of the movement to the joints (21, 3). counted (21,) bool: joints that count."""
+        away = np.linalg.norm((joints_m - self.joints_m)[counted], axis=1) / self.sigma_m
+        parts = len(np.unique(LIMB_OF_JOINTS[counted]))  # the joints of one part move together
+        return parts * float(np.where(away < USUAL, 0.5 * away**2, USUAL * away - 0.5 * USUAL**2).mean())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +113,7 @@ class KnownPeople:
         """
         sigma_m = _sigma_m(self.elapsed_s, self.last.gone_s)
         poses = (self.last.belief.pose, self.predicted.pose)
-        return min(ExpectedJoints(self.body.joints(pose), sigma_m).cost(joints_m) for pose in poses)
+        return min(ExpectedJoints(self.body.joints(pose), sigma_m).cost(joints_m, EVERY) for pose in poses)
 
     @property
     def in_view(self) -> frozenset[int]:
@@ -119,7 +125,8 @@ class KnownPeople:
         """Return where each bystander with a body is expected, by label."""
         return {
             one.label: ExpectedJoints(
-                one.body.joints(ahead(one, body_points(), self.elapsed_s)), _sigma_m(self.elapsed_s, one.hidden_s)
+                one.body.joints(ahead(one, body_points(), self.elapsed_s)),
+                ROUGH_SIGMA_M + _sigma_m(self.elapsed_s, one.hidden_s),
             )
             for one in self.seen.bystanders.followed
         }
@@ -142,7 +149,7 @@ def _came(expected: ExpectedJoints | None, joints_m: np.ndarray | None) -> float
     """Return the cost, in nats, of a bystander's movement to the joints (21, 3). expected: None if the bystander was
     not seen before.
     """
-    return STRANGE if expected is None or joints_m is None else min(STRANGE, expected.cost(joints_m))
+    return STRANGE if expected is None or joints_m is None else min(STRANGE, expected.cost(joints_m, OF_TRUNK))
 
 
 def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
@@ -157,8 +164,9 @@ def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -
     best = max(others, key=lambda one: one.ahead_of(suggested), default=suggested)
     if best is suggested or best.ahead_of(suggested) < DECIDED:
         return suggested
-    undecided = any(one.is_elsewhere(best) and best.ahead_of(one) < LEAST_GAIN for one in others)
-    return others[-1] if undecided else best
+    if not any(one.is_elsewhere(best) and best.ahead_of(one) < LEAST_GAIN for one in others):
+        return best
+    return others[-1] if found.found else suggested  # undecided: the patient counts as hidden
 
 
 def _scored(seen: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
@@ -180,9 +188,10 @@ def _scored(seen: Observation, found: Registration, known: KnownPeople) -> Scene
 
 
 def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
-    """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. The
-    same body explains this person's pixels in both, so that only the movements decide, and whether cameras see past the
-    patient's expected place.
+    """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. In
+    both, the same body explains this person's pixels. So only two things decide between them: how far people have
+    moved, and whether cameras see past the patient's expected place. The patient may be hidden elsewhere, so the cost
+    of skin that cameras see past is limited.
     """
     cameras, views = known.run.room.cameras, of.seen.evidence.views
     at = known.body.joints(of.registration.belief.pose)
@@ -195,8 +204,9 @@ def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
         known.body, known.predicted.pose, person_evidence(seen.evidence.views, cameras, PixelLabel.PATIENT)
     )
     joints_m = {**of.joints_m, label: at}
-    nobody, readings = Registration(known.predicted, 0.0, False), of.readings + min(past.total, 0.0)
-    return SceneHypothesis(seen, nobody, readings, -known.came_and_went(joints_m), joints_m)
+    elsewhere = min(-believed(min(past.total, 0.0), PARTS), 2.0 * STRANGE)
+    nobody = Registration(known.predicted, 0.0, False)
+    return SceneHypothesis(seen, nobody, of.readings, -elsewhere - known.came_and_went(joints_m), joints_m)
 
 
 def _exchanged(now: Observation, known: KnownPeople) -> Iterator[SceneHypothesis]:
