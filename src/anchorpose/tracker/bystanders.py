@@ -127,7 +127,7 @@ def bystander_likelihood(bystanders: Bystanders, points: SkinPoints, elapsed_s: 
     found = []
     for one in bystanders.followed:
         spread = SKIN_SIGMA_M + GROWTH_M_S * (abs(elapsed_s) + one.hidden_s)
-        skin = pose_points(one.body, _ahead(one, points, elapsed_s)).points_m.astype(np.float32)
+        skin = pose_points(one.body, ahead(one, points, elapsed_s)).points_m.astype(np.float32)
         owner, sigma = np.full(len(skin), one.label, np.uint8), np.full(len(skin), spread, np.float32)
         found.append(OwnershipLikelihood(skin, owner, sigma))
     return join_likelihoods(found)
@@ -146,7 +146,7 @@ def bystanders_placed(
     seen, points, moved = memory.seen_last, body_points(), list[Bystander]()
     for one in bystanders.followed:
         if one.label in seen:
-            posed = pose_points(one.body, _ahead(one, points, elapsed_s))
+            posed = pose_points(one.body, ahead(one, points, elapsed_s))
             step = step_onto(facing_points(posed.points_m, posed.normals, cameras), seen[one.label], pieces, cameras)
             if step.any():
                 pose = replace(one.belief.pose, root_m=one.belief.pose.root_m + step)
@@ -161,7 +161,7 @@ def first_bystanders(
     """Return the bystanders of an initial frame. fitted: rough body or None of each person, by label."""
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
-        _labels(views),
+        labels_of(views),
     )
     return _all_of(now)
 
@@ -179,7 +179,7 @@ def follow_bystanders(
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
 
-    shown = _labels(views)
+    shown = labels_of(views)
 
     def next_of(label: int) -> Bystander | Search | None:
         last = searched.get(label, Search(label, 0, FIRST_PAUSE))
@@ -229,7 +229,7 @@ def _shown_skin(one: Bystander, views: Sequence[View | None], cameras: Sequence[
     return OwnershipLikelihood(skin.points_m[kept], skin.owner[kept], skin.sigma_m[kept])
 
 
-def _labels(views: Sequence[View | None]) -> list[int]:
+def labels_of(views: Sequence[View | None]) -> list[int]:
     there = np.zeros(256, dtype=bool)
     for view in views:
         if view is not None:
@@ -266,7 +266,7 @@ def _is_person(body: Body, pose: Pose, evidence: Evidence) -> bool:
 
 
 def _follow(one: Bystander, evidence: Evidence, points: SkinPoints, elapsed_s: float) -> Bystander | None:
-    predicted = one.belief.later(_ahead(one, points, elapsed_s), abs(elapsed_s), WALKING)
+    predicted = one.belief.later(ahead(one, points, elapsed_s), abs(elapsed_s), WALKING)
     found = register(one.body, predicted, evidence, no_constraints(), ROUGHLY)
     if not found.found or found.explained < LEAST_EXPLAINED or not _is_person(one.body, found.belief.pose, evidence):
         return None
@@ -333,6 +333,6 @@ def _begun(label: int, person: RoughPerson | None, evidence: Evidence) -> Bystan
     return Bystander(label, body, found.belief, np.zeros(POSE_SIZE), 1.0)
 
 
-def _ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
+def ahead(one: Bystander, points: SkinPoints, elapsed_s: float) -> Pose:
     """Predict a bystander's pose ``elapsed_s`` after the last fit: the last movement continues, slightly slower."""
     return one.belief.pose.moved(DAMPING * elapsed_s / one.elapsed_s * one.change, points.moving)

@@ -22,6 +22,7 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.frame_record import Kept
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.room import Run
+from anchorpose.tracker.sighting import TWO_PEOPLE_M
 from anchorpose.tracker.smoothing import APART_M, PassResult, cheapest_course, course_of, pass_result, seen_less
 from anchorpose.tracker.start import turn_round
 
@@ -30,7 +31,6 @@ AGREEING: Final = 3  # tracking back stops after this many successive frames in 
 IN_VAIN: Final = 10
 ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb counts as found again
 TRUNK: Final = JOINT_INDEX["SpineMid"]
-TWO_PEOPLE_M: Final = 0.35  # m, breadth of a chest; the trunks of two people cannot be nearer to each other
 # frames between two attempts to track back; an attempt that changes no frame doubles the pause, up to LONGEST_PAUSE
 FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 

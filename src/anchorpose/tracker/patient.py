@@ -35,9 +35,10 @@ from anchorpose.tracker.bystanders import WALKING
 from anchorpose.tracker.config import Method, TrackConfig
 from anchorpose.tracker.estimate import Earlier, Estimate, displaced, estimate_of
 from anchorpose.tracker.limb_watch import LimbWatch, explained_by
-from anchorpose.tracker.observation import Expectation, Observation, Start
+from anchorpose.tracker.observation import Expectation, Observation, Start, is_described
 from anchorpose.tracker.observing import Window, gather, isolate, see_anchors, see_surface
 from anchorpose.tracker.room import Run
+from anchorpose.tracker.scene_hypotheses import KnownPeople, likeliest_scene
 from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 # a patient is in view if at least this share of the joints is inside a camera's image
@@ -327,11 +328,11 @@ class PatientTracker:
         Also return the track tree's best branches; None if the track tree was not searched.
         """
         predicted, self.moved = self.belief.later(poses[0], elapsed_s, self.pace), False
-        if not len(self.window[1].surface):
-            return Registration(predicted, 0.0, False), None
         with self.run.stage("registration"):
             if self.config.method is Method.ARTICULATED:
                 return self._register_body(poses, predicted, elapsed_s)
+            if not len(self.window[1].surface):
+                return Registration(predicted, 0.0, False), None
             hypothesis = self._search_tree()
             return self._register_parts(hypothesis, poses[0], predicted), hypothesis
 
@@ -341,8 +342,18 @@ class PatientTracker:
         """Register all parts of the learnt body together, and search for limbs if the frame contradicts the result.
         With ``hypotheses.always``, the track tree's matches constrain the registration.
         """
-        hypothesis = self._search_tree() if self.config.hypotheses.always else None
+        shown = len(self.window[1].surface) > 0
+        hypothesis = self._search_tree() if shown and self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
+        best = self._with_limbs(found, predicted, elapsed_s)
+        if self._is_doubtful(best):
+            best = self._likeliest_scene(best, predicted)
+        if self.moved:
+            self._keep_path(best.belief.pose, found.belief.pose)
+        return best, hypothesis
+
+    def _with_limbs(self, found: Registration, predicted: PoseBelief, elapsed_s: float) -> Registration:
+        """Return the registration after comparing it with its rivals, and after a search for misplaced limbs."""
         best, seen = found, self.window[1]
         if found.found:
             best, self.rivals = follow_rivals(
@@ -359,9 +370,24 @@ class PatientTracker:
         if search is not None:
             best, self.moved = search.registration, self.moved or search.taken
             self.rivals = rivals_of(self.body, best.belief, [*search.rivals, *self.rivals])
-        if self.moved:
-            self._keep_path(best.belief.pose, found.belief.pose)
-        return best, hypothesis
+        return best
+
+    def _is_doubtful(self, found: Registration) -> bool:
+        """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and either a
+        person is found or the descriptor checks the frame.
+        """
+        return self.last.gone_s > 0.0 and (found.found or is_described(self.window[1].frame_set))
+
+    def _likeliest_scene(self, found: Registration, predicted: PoseBelief) -> Registration:
+        """Return the patient's registration in the likeliest scene hypothesis, and continue with its labels."""
+        now, before = self.window[1], self.window[0]
+        signed_s = now.frame_set.time_s - before.frame_set.time_s
+        known = KnownPeople(self.body, self.last, predicted, before, signed_s, self.height_m, self.run)
+        best = likeliest_scene(now, found, known)
+        if best.seen is not now:
+            self.window.replace_next(best.seen)
+            self.moved, self.rivals = best.registration.found, ()
+        return best.registration
 
     def _keep_path(self, pose: Pose, wrong: Pose) -> None:
         """Replace the past poses, if ``pose`` corrects ``wrong``: only the path of the trunk is continued."""

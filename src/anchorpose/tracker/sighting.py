@@ -26,6 +26,7 @@ from anchorpose.tracker.bystanders import RoughPerson, rough_person
 COVERED_M: Final = 0.10
 # m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
+TWO_PEOPLE_M: Final = 0.35  # m, breadth of a chest; the trunks of two people cannot be nearer to each other
 _ACROSS: Final = (("HipLeft", "HipRight"), ("ShoulderLeft", "ShoulderRight"))
 
 
