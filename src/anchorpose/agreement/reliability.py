@@ -12,7 +12,6 @@ weighted kappa equals ICC(2,1) except for terms of the order of 1 / number of tr
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
@@ -26,11 +25,10 @@ from anchorpose.agreement.statistics import LEAST_UNITS, Estimate
 from anchorpose.errors import InputError
 from anchorpose.options import plain_number
 from anchorpose.recording.document import cell_text, read_rows, require_distinct
-from anchorpose.recording.events import GIVEN
 from anchorpose.recording.regular_file import is_there
 from anchorpose.results.ratings import RATING, RATING_UNIT, Ratings, read_ratings
 from anchorpose.results.records import MEASURES_FILE, read_definition, read_measures
-from anchorpose.results.run_record import RUN_FILE, read_run
+from anchorpose.results.run_record import RUN_FILE, read_run, recording_digest
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import CONFIDENCE, NORMAL_95
 from anchorpose.results.verify import require_own
@@ -272,12 +270,9 @@ def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None
     """Raise InputError if the folder, or another session's recording of the same subject, is in ``used``; add both to
     ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
     """
-    hashes = run.get("inputs_sha256", {}).items()
-    files = sorted(f"{name} {sha}" for name, sha in hashes if not name.startswith(("events.", GIVEN)))
-    keys = {str(folder.resolve()): "is given twice"}
-    if files and subject is not None:
-        # a digest, since the hashes of an hour's depth images fill a hundred megabytes
-        recording = hashlib.sha256("\n".join([subject, *files]).encode()).hexdigest()
+    keys, digest = {str(folder.resolve()): "is given twice"}, recording_digest(run.get("inputs_sha256", {}).items())
+    if digest is not None and subject is not None:
+        recording = f"{subject} {digest}"
         keys[recording] = f"was made from the same recording as {used.get(recording)}"
     for key, problem in keys.items():
         if key in used:

@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from anchorpose.errors import InputError
-from anchorpose.recording.events import GIVEN
 from anchorpose.report.session import Session
 from anchorpose.report.words import listed, number
 from anchorpose.results.records import MEASURES_FILE, Measure
+from anchorpose.results.run_record import recording_digest
 from anchorpose.results.tables import JOINTS_FILE
 from anchorpose.results.uncertainty import NORMAL_95
 
@@ -201,15 +201,18 @@ def _units(session: Session) -> dict[str, str]:
 
 
 def _require_different(sessions: Sequence[Session]) -> None:
-    seen: dict[Any, Session] = {}
+    seen = dict[str | None, Session]()
     for session in sessions:
-        if session.folder.resolve() in {other.folder.resolve() for other in seen.values()}:
+        place, recording = (
+            str(session.folder.resolve()),
+            recording_digest((file, sha) for file, (sha,) in session.inputs),
+        )
+        if place in seen:
             raise InputError(session.folder, "is given twice", "give each session once")
-        recorded = tuple(entry for entry in session.inputs if not entry[0].startswith(("events.", GIVEN)))
-        if recorded and recorded in seen:
-            problem = f"was made from the same recording as {seen[recorded].folder}"
+        if recording is not None and recording in seen:
+            problem = f"was made from the same recording as {seen[recording].folder}"
             raise InputError(session.folder / JOINTS_FILE, problem, "compare results of different recordings")
-        seen[recorded or session.folder.resolve()] = session
+        seen[place] = seen[recording] = session
 
 
 def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:

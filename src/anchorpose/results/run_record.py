@@ -23,7 +23,7 @@ from anchorpose.body.visibility import PoorDepth, PoorKind
 from anchorpose.errors import InputError
 from anchorpose.isolation.depth_noise import DepthNoise
 from anchorpose.recording.document import LARGEST_WITH_HASHES, FileInFolder, Text, Version, read_json, validate
-from anchorpose.recording.events import RecordedSpan
+from anchorpose.recording.events import GIVEN, RecordedSpan
 from anchorpose.recording.recording_file import CameraPose, Seconds
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, open_regular, require_regular
 from anchorpose.results.corrections import CorrectionsRecord, Frame, Sha256
@@ -394,3 +394,13 @@ def as_json(value: Any) -> Any:
 
 def _refuse(value: object) -> None:
     raise TypeError(f"an object of the type {type(value).__name__} has no JSON form")
+
+
+def recording_digest(inputs: Iterable[tuple[str, str]]) -> str | None:
+    """Return a digest of the recording from which results were made, without its trials; None if no file is recorded.
+
+    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so they
+    are not compared themselves.
+    """
+    files = sorted(f"{name} {sha}" for name, sha in inputs if not name.startswith(("events.", GIVEN)))
+    return hashlib.sha256("\n".join(files).encode()).hexdigest() if files else None
