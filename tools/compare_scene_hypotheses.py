@@ -4,7 +4,8 @@
 
 Each folder has ``recording/`` and ``truth/truth.npz``. The tool tracks each recording and prints a row for each frame
 in which another scene hypothesis replaced the suggestion: the mean error of the patient's 21 joints in both, in mm. The
-pose of a patient who is hidden is the predicted pose. Of the frames without a replacement only the number is printed.
+pose of a patient who is hidden is the predicted pose. A frame is listed as often as it was tracked: while the body is
+learnt, in the passes, and when tracking back. Of the frames without a replacement only the number is printed.
 """
 
 from __future__ import annotations
@@ -32,15 +33,20 @@ def compare(folder: Path) -> list[tuple[int, float, float]]:
     """
     truth, rows = read_truth(folder / "truth" / "truth.npz"), list[tuple[int, float, float]]()
 
-    def error_mm(found: Registration, known: KnownPeople, frame: int) -> float:
-        away_m = known.body.joints(found.belief.pose) - truth.position_m[frame]
+    def error_mm(found: Registration, known: KnownPeople, position: int) -> float:
+        away_m = known.body.joints(found.belief.pose) - truth.position_m[position]
         return 1000.0 * float(np.linalg.norm(away_m, axis=1).mean())
 
     def watched(now: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
-        best, frame = likeliest_scene(now, found, known), now.frame_set.frame
-        suggested_mm = error_mm(found, known, frame)
+        best, frame_set = likeliest_scene(now, found, known), now.frame_set
+        position = frame_set.frame if frame_set.position is None else frame_set.position
+        suggested_mm = error_mm(found, known, position)
         rows.append(
-            (frame, suggested_mm, suggested_mm if best.seen is now else error_mm(best.registration, known, frame))
+            (
+                frame_set.frame,
+                suggested_mm,
+                suggested_mm if best.seen is now else error_mm(best.registration, known, position),
+            )
         )
         return best
 

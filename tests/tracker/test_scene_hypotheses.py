@@ -10,6 +10,7 @@ from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.body.belief import vague_belief
 from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, TRUNK
+from anchorpose.body.pose_probability import log_probability
 from anchorpose.body.registration import Registration
 from anchorpose.body.skin_points import Body
 from anchorpose.isolation.people import PatientChoice
@@ -67,6 +68,18 @@ def seen_with(frame_set: FrameSet, place_xz_m: tuple[float, float], others: int 
     return observe(frame_set, isolated, None, HEIGHT_M, RUN)
 
 
+def relabelled(seen: Observation, label: int, other: int) -> Observation:
+    """The frame with another label on all pixels with a label."""
+    (view,) = seen.evidence.views
+    changed = View(view.depth_m, np.where(view.labels == label, np.uint8(other), view.labels))
+    isolated = Isolated(seen.pieces, (changed,), seen.memory, seen.bystanders)
+    return observe(seen.frame_set, isolated, None, HEIGHT_M, RUN)
+
+
+def helper_of(before: KnownPeople) -> int:
+    return before.seen.bystanders.followed[0].label
+
+
 def registered(seen: Observation, before: KnownPeople | None = None) -> Registration:
     """The patient's body on the pixels with the patient's label, from where most of these pixels are."""
     start = scene_hypotheses.rough_person(seen.evidence.views, (FRONT,), PixelLabel.PATIENT)
@@ -117,7 +130,7 @@ def test_it_costs_nothing_to_be_hidden_behind_somebody_and_much_to_be_hidden_in_
     def cost(*people: tuple[float, float]) -> float:
         now = seen_with(frame(1, HELPER, *people), HELPER, others=9)
         hidden = scene_hypotheses._hidden(scene_hypotheses._scored(now, registered(now, before), before), before)
-        return -hidden.movement - before.came_and_went(hidden.joints_m)
+        return before.hiding(hidden.seen.evidence.views)
 
     assert cost(PATIENT, PASSER_BY) < 1.0
     assert cost() == pytest.approx(2.0 * STRANGE)
@@ -126,13 +139,56 @@ def test_it_costs_nothing_to_be_hidden_behind_somebody_and_much_to_be_hidden_in_
 def test_a_patient_who_has_another_label_is_found(before):
     """Tracking suggests that the patient is hidden, but all pixels of the patient have a bystander's label."""
     right = seen_with(frame(1, PATIENT, HELPER), PATIENT)
-    (view,) = right.evidence.views
-    merged = View(view.depth_m, np.where(view.patient, before.seen.bystanders.followed[0].label, view.labels))
-    isolated = Isolated(right.pieces, (merged,), right.memory, right.bystanders)
-    now = observe(right.frame_set, isolated, None, HEIGHT_M, RUN)
+    now = relabelled(right, PixelLabel.PATIENT, helper_of(before))
     best = likeliest_scene(now, Registration(before.predicted, 0.0, False), before)
     assert best.registration.found
     assert np.linalg.norm(place_xz_m(best.registration) - PATIENT) < 0.1
+
+
+def test_a_helper_with_the_right_label_does_not_become_the_patient_who_is_gone(before):
+    """Tracking suggests rightly that the patient is not in view; the predicted place is empty."""
+    now = relabelled(seen_with(frame(1, HELPER), HELPER), PixelLabel.PATIENT, helper_of(before))
+    best = likeliest_scene(now, Registration(before.predicted, 0.0, False), before)
+    assert not best.registration.found
+
+
+def test_a_bystander_who_was_in_view_without_a_body_is_no_stranger(before):
+    seen = replace(before.seen, bystanders=Bystanders())
+    without = replace(before, seen=seen)
+    assert without.came_and_went({helper_of(before): None}) == 0.0
+    assert without.came_and_went({99: None}) == STRANGE
+
+
+def test_a_bystander_who_disappears_is_strange(before):
+    assert before.came_and_went({}) == STRANGE
+
+
+def test_the_bodies_of_all_people_in_view_explain_the_readings(before):
+    now = seen_with(frame(1, PATIENT, HELPER), PATIENT)
+    found = registered(now, before)
+    alone = log_probability(before.body, found.belief.pose, now.evidence)
+    assert scene_hypotheses._scored(now, found, before).readings > 1.5 * alone > 0.0
+
+
+def test_a_hidden_patient_explains_no_readings_and_is_never_worse_than_the_limit(before):
+    """The same holds for what tracking suggests and for the alternative, so that both can be compared."""
+    now = relabelled(seen_with(frame(1, HELPER), HELPER), PixelLabel.PATIENT, helper_of(before))
+    away = replace(before.predicted, pose=replace(before.predicted.pose, root_m=np.array([0.0, 0.9, 50.0])))
+    here, far = (
+        scene_hypotheses._scored(now, Registration(one, 0.0, False), replace(before, predicted=one))
+        for one in (before.predicted, away)
+    )
+    assert here.readings == far.readings > 0.0
+    assert here.movement == pytest.approx(far.movement - 2.0 * STRANGE)
+
+
+def test_without_bodies_of_bystanders_none_are_fitted(before):
+    config = replace(RUN.config, follow=replace(RUN.config.follow, bystanders=False))
+    known = replace(before, run=replace(RUN, config=config), seen=replace(before.seen, bystanders=Bystanders()))
+    now = replace(seen_with(frame(1, PATIENT, HELPER), HELPER), bystanders=Bystanders())
+    exchanged = list(scene_hypotheses._exchanged(now, known))
+    assert exchanged
+    assert all(not one.seen.bystanders.followed for one in exchanged)
 
 
 def test_a_movement_costs_its_square_and_then_its_length():
@@ -172,12 +228,15 @@ def test_two_people_who_are_as_likely_leave_the_patient_hidden(before, monkeypat
     lost = Registration(before.predicted, 0.0, False)
     scene = scene_hypotheses.SceneHypothesis
 
-    def compared(readings: float) -> Registration:
+    def compared(readings: float, hidden: float = 800.0, suggested: Registration = lost) -> Registration:
         both = iter([scene(seen, here, 1000.0, 0.0, {}), scene(seen, there, readings, 0.0, {})])
         monkeypatch.setattr(scene_hypotheses, "_exchanged", lambda now, known: both)
-        monkeypatch.setattr(scene_hypotheses, "_hidden", lambda of, known: scene(seen, lost, 800.0, 0.0, {}))
+        monkeypatch.setattr(scene_hypotheses, "_hidden", lambda of, known: scene(seen, lost, hidden, 0.0, {}))
         monkeypatch.setattr(scene_hypotheses, "_scored", lambda now, found, known: scene(now, found, 0.0, 0.0, {}))
-        return likeliest_scene(seen, lost, before).registration
+        return likeliest_scene(seen, suggested, before).registration
 
+    wrong = replace(here, explained=0.5)
+    assert compared(999.0, suggested=wrong) is lost
+    assert not compared(600.0, hidden=999.0).found
     assert not compared(999.0).found
     assert compared(600.0) is here

@@ -201,7 +201,7 @@ def _units(session: Session) -> dict[str, str]:
 
 
 def _require_different(sessions: Sequence[Session]) -> None:
-    seen = dict[str | None, Session]()
+    seen = dict[str, Session]()
     for session in sessions:
         place, recording = (
             str(session.folder.resolve()),
@@ -212,7 +212,7 @@ def _require_different(sessions: Sequence[Session]) -> None:
         if recording is not None and recording in seen:
             problem = f"was made from the same recording as {seen[recording].folder}"
             raise InputError(session.folder / JOINTS_FILE, problem, "compare results of different recordings")
-        seen[place] = seen[recording] = session
+        seen |= {place: session} if recording is None else {place: session, recording: session}
 
 
 def _versions(first: dict[str, Any], later: dict[str, Any]) -> list[str]:

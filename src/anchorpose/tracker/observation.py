@@ -117,7 +117,8 @@ class Observation:
     """One frame with the results of all stages before registration."""
 
     frame_set: FrameSet
-    expected: Expectation | None  # where the patient was expected; None in an initial frame
+    # where the patient was expected; None in an initial frame, and if people were found anew after an occlusion
+    expected: Expectation | None
     evidence: Evidence
     surface: Surface  # the patient's seen skin
     whole: Surface  # seen skin and inferred hidden skin

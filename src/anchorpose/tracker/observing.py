@@ -298,6 +298,15 @@ class Window:
         for number in range(min(2, len(self._matchers))):
             self._matchers[number] = None
 
+    def restart(self, seen: Observation) -> None:
+        """Replace the observation of the frame after the last registered frame by one with other labels, and forget the
+        later observations, whose labels follow from the replaced labels.
+        """
+        while len(self.seen) > 2:
+            self.seen.pop()
+            self._matchers.pop()
+        self.replace_next(seen)
+
     def move_on(self) -> None:
         """Drop the window's first frame, since its second frame is registered now."""
         for held in (self.frames, self.seen, self._matchers):

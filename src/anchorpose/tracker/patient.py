@@ -374,9 +374,13 @@ class PatientTracker:
 
     def _is_doubtful(self, found: Registration) -> bool:
         """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and either a
-        person is found or the descriptor checks the frame.
+        person is found or the descriptor checks the frame. A reviewer's corrections leave no doubt.
         """
-        return self.last.gone_s > 0.0 and (found.found or is_described(self.window[1].frame_set))
+        return (
+            self.last.gone_s > 0.0
+            and self._corrections(self.window[1]) is None
+            and (found.found or is_described(self.window[1].frame_set))
+        )
 
     def _likeliest_scene(self, found: Registration, predicted: PoseBelief) -> Registration:
         """Return the patient's registration in the likeliest scene hypothesis, and continue with its labels."""
@@ -385,8 +389,9 @@ class PatientTracker:
         known = KnownPeople(self.body, self.last, predicted, before, signed_s, self.height_m, self.run)
         best = likeliest_scene(now, found, known)
         if best.seen is not now:
-            self.window.replace_next(best.seen)
-            self.moved, self.rivals = best.registration.found, ()
+            self.window.restart(best.seen)
+            self.moved = best.registration.found
+            self.rivals = () if self.moved else self.rivals
         return best.registration
 
     def _keep_path(self, pose: Pose, wrong: Pose) -> None:

@@ -35,13 +35,12 @@ from anchorpose.tracker.bystanders import (
     SKIN_SIGMA_M,
     Bystander,
     ahead,
-    follow_bystanders,
     labels_of,
     person_evidence,
     rough_person,
 )
 from anchorpose.tracker.observation import Isolated, Observation
-from anchorpose.tracker.observing import UNFITTED_M_S, isolate_first, observe, people_of
+from anchorpose.tracker.observing import UNFITTED_M_S, isolate_first, observe, people_of, see_bystanders
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import NEAR_M, WALK_M_S, LastSeen
 from anchorpose.tracker.sighting import TWO_PEOPLE_M
@@ -50,7 +49,8 @@ from anchorpose.tracker.sighting import TWO_PEOPLE_M
 ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
-# nats, cost of a person who is in view and was not seen before, or who was in view and is gone: once in 400 frames
+# nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. It also
+# limits the cost of a bystander's movement; twice this cost limits that of a patient who is hidden
 STRANGE: Final = 6.0
 # (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
 # are often misplaced
@@ -68,15 +68,16 @@ class SceneHypothesis:
     movement: float  # nats, log probability of all people's movements since they were last seen
     joints_m: Mapping[int, np.ndarray | None]  # joints (21, 3) of each bystander in view, by label; None without a body
 
-    def is_elsewhere(self, other: SceneHypothesis) -> bool:
-        """Return whether both hypotheses see the patient, but at different places."""
+    def differs(self, other: SceneHypothesis) -> bool:
+        """Return whether one hypothesis sees the patient and the other does not, or both at different places."""
         apart_m = self.registration.belief.pose.root_m - other.registration.belief.pose.root_m
-        seen = self.registration.found and other.registration.found
-        return seen and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
+        if self.registration.found != other.registration.found:
+            return True
+        return self.registration.found and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
 
     def ahead_of(self, other: SceneHypothesis) -> float:
-        """Return by how many nats this hypothesis is likelier than another. Readings are trusted less than they say:
-        errors of shape and clothes affect the bodies of two people whose places are exchanged.
+        """Return by how many nats this hypothesis is likelier than another. The difference of the readings is reduced,
+        since errors of body shape and clothes can cause it. All parts of two bodies differ if two people are exchanged.
         """
         return believed(self.readings - other.readings, 2 * PARTS) + self.movement - other.movement
 
@@ -101,19 +102,24 @@ class KnownPeople:
 
     body: Body
     last: LastSeen
-    predicted: PoseBelief  # the patient's predicted pose in this frame
+    predicted: PoseBelief  # the patient's predicted pose in this frame; a hidden patient is assumed there
     seen: Observation  # the frame before this one
     elapsed_s: float  # s, since that frame; negative in a backward pass
     height_m: float
     run: Run
 
     def moved(self, joints_m: np.ndarray) -> float:
-        """Return the cost, in nats, of the patient's movement to the joints (21, 3): from the last seen pose, or from
-        the pose predicted from it, whichever is nearer.
+        """Return the cost, in nats, of the patient's movement from the last seen pose to the joints (21, 3)."""
+        expected = self.body.joints(self.last.belief.pose)
+        return ExpectedJoints(expected, _sigma_m(self.elapsed_s, self.last.gone_s)).cost(joints_m, EVERY)
+
+    def hiding(self, views: Sequence[View | None]) -> float:
+        """Return the cost, in nats, of the assumption that the patient is hidden: cameras may see past the predicted
+        pose. The patient may also be hidden elsewhere, so the cost is limited.
         """
-        sigma_m = _sigma_m(self.elapsed_s, self.last.gone_s)
-        poses = (self.last.belief.pose, self.predicted.pose)
-        return min(ExpectedJoints(self.body.joints(pose), sigma_m).cost(joints_m, EVERY) for pose in poses)
+        nobody = person_evidence(views, self.run.room.cameras, PixelLabel.PATIENT)
+        past = likelihood(self.body, self.predicted.pose, nobody).total
+        return min(-believed(min(past, 0.0), PARTS), 2.0 * STRANGE)
 
     @property
     def in_view(self) -> frozenset[int]:
@@ -135,9 +141,11 @@ class KnownPeople:
         """Return the cost, in nats, of the bystanders' movements. joints_m: the joints (21, 3) of each bystander in
         view, by label; None without a body.
         """
-        expected = self.bystanders
-        came = sum(_came(expected.get(label), at) for label, at in joints_m.items())
-        return came + STRANGE * len(self.in_view - joints_m.keys())
+        expected, shown = self.bystanders, self.seen.memory.seen_last.keys()
+        came = {label: _came(expected.get(label), at) for label, at in joints_m.items()}
+        # a bystander who was in view without a body may be anywhere
+        new = sum(cost for label, cost in came.items() if label in expected or label not in shown)
+        return new + STRANGE * len(self.in_view - joints_m.keys())
 
 
 def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
@@ -160,19 +168,29 @@ def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -
     others = list(_exchanged(now, known))
     shown = [one for one in (suggested, *others) if one.registration.found]
     if shown:
-        others.append(_hidden(max(shown, key=lambda one: one.ahead_of(suggested)), known))
-    best = max(others, key=lambda one: one.ahead_of(suggested), default=suggested)
+        others.append(_hidden(_best(shown), known))
+    best = _best([suggested, *others])
     if best is suggested or best.ahead_of(suggested) < DECIDED:
         return suggested
-    if not any(one.is_elsewhere(best) and best.ahead_of(one) < LEAST_GAIN for one in others):
-        return best
-    return others[-1] if found.found else suggested  # undecided: the patient counts as hidden
+    rivals = [one for one in others if one.differs(best)]
+    if best.registration.found and any(best.ahead_of(one) < LEAST_GAIN for one in rivals):
+        return others[-1] if found.found else suggested  # undecided: the patient counts as hidden
+    return best
+
+
+def _best(hypotheses: Sequence[SceneHypothesis]) -> SceneHypothesis:
+    """Return the hypothesis whose smallest lead over the others is largest."""
+    leads = [min((one.ahead_of(other) for other in hypotheses if other is not one), default=0.0) for one in hypotheses]
+    return hypotheses[int(np.argmax(leads))]
 
 
 def _scored(seen: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
     """Return a hypothesis with the log probabilities of its readings and of its movements."""
     views, cameras = seen.evidence.views, known.run.room.cameras
-    readings = log_probability(known.body, found.belief.pose, seen.evidence)
+    readings, movement = 0.0, -known.hiding(views)
+    if found.found:
+        readings = log_probability(known.body, found.belief.pose, seen.evidence)
+        movement = -known.moved(known.body.joints(found.belief.pose))
     bodies = {one.label: one for one in seen.bystanders.followed if one.hidden_s == 0.0}
     joints_m = dict[int, np.ndarray | None]()
     for label in labels_of(views):
@@ -183,30 +201,22 @@ def _scored(seen: Observation, found: Registration, known: KnownPeople) -> Scene
             pose = descend(one.body, pose, vague_belief(pose), own, known.run.config.registration)
             readings += max(0.0, log_probability(one.body, pose, own))
             joints_m[label] = one.body.joints(pose)
-    moved = known.moved(known.body.joints(found.belief.pose)) if found.found else 0.0
-    return SceneHypothesis(seen, found, readings, -moved - known.came_and_went(joints_m), joints_m)
+    return SceneHypothesis(seen, found, readings, movement - known.came_and_went(joints_m), joints_m)
 
 
 def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
-    """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. In
-    both, the same body explains this person's pixels. So only two things decide between them: how far people have
-    moved, and whether cameras see past the patient's expected place. The patient may be hidden elsewhere, so the cost
-    of skin that cameras see past is limited.
+    """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. Both
+    hypotheses have the same ``readings``, since the same body explains this person's pixels.
     """
-    cameras, views = known.run.room.cameras, of.seen.evidence.views
     at = known.body.joints(of.registration.belief.pose)
     away = {label: one for label, one in known.bystanders.items() if label not in of.joints_m}
     label = int(_names([at], away, first_free(of.seen.memory, known.elapsed_s))[0])
     renamed = np.arange(256, dtype=np.uint8)
     renamed[PixelLabel.PATIENT] = label
-    seen = _observed(of.seen, _renamed(views, renamed), known)
-    past = likelihood(
-        known.body, known.predicted.pose, person_evidence(seen.evidence.views, cameras, PixelLabel.PATIENT)
-    )
+    seen = _observed(of.seen, _renamed(of.seen.evidence.views, renamed), known)
     joints_m = {**of.joints_m, label: at}
-    elsewhere = min(-believed(min(past.total, 0.0), PARTS), 2.0 * STRANGE)
-    nobody = Registration(known.predicted, 0.0, False)
-    return SceneHypothesis(seen, nobody, of.readings, -elsewhere - known.came_and_went(joints_m), joints_m)
+    movement = -known.hiding(seen.evidence.views) - known.came_and_went(joints_m)
+    return SceneHypothesis(seen, Registration(known.predicted, 0.0, False), of.readings, movement, joints_m)
 
 
 def _exchanged(now: Observation, known: KnownPeople) -> Iterator[SceneHypothesis]:
@@ -238,8 +248,9 @@ def _known_labels(isolated: Isolated, now: Observation, known: KnownPeople) -> n
 
 
 def _names(found: Sequence[np.ndarray | None], expected: Mapping[int, ExpectedJoints], free: int) -> np.ndarray:
-    """Return the label (n,) uint8 of each person found: that of the bystander whose way there costs least, or a
-    new one from ``free`` on. found: each person's joints (21, 3), None without a body.
+    """Return the label (n,) uint8 of each person found. Bystanders are assigned to people so that the total cost of
+    movement is least; a person whose movement would cost ``STRANGE`` gets a new label, from ``free`` on. found: each
+    person's joints (21, 3), None without a body.
     """
     labels = np.minimum(free + np.arange(len(found)), LAST_LABEL).astype(np.uint8)
     costs = np.array([[_came(one, joints_m) for one in expected.values()] for joints_m in found])
@@ -258,14 +269,15 @@ def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeop
     """Return the observation of the frame with other labels."""
     run, seen = known.run, known.seen
     memory = update_memory(seen.memory, now.pieces, views, run.room.cameras, known.elapsed_s)
-    bystanders = follow_bystanders(seen.bystanders, views, run.room.cameras, body_points(), known.elapsed_s)
+    bystanders = see_bystanders(seen.bystanders, views, known.elapsed_s, run)
     isolated = Isolated(now.pieces, views, memory, bystanders)
     return observe(now.frame_set, isolated, None, known.height_m, run)
 
 
 def _registered(seen: Observation, rough: Pose | None, known: KnownPeople) -> Registration:
-    """Return the patient's registration to other pixels: of those from the predicted pose, from this pose at the rough
-    body's place, and from the rough body's pose, the likeliest.
+    """Return the patient's registration to other pixels; ``found`` is False if no pose fits. Three poses are tried: the
+    predicted pose, the predicted pose moved to the rough body's place, and the rough body's pose. The likeliest result
+    is returned.
     """
     config, body, predicted = known.run.config.registration, known.body, known.predicted
     starts = [predicted.pose]
