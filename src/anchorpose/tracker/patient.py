@@ -345,14 +345,14 @@ class PatientTracker:
         shown = len(self.window[1].surface) > 0
         hypothesis = self._search_tree() if shown and self.config.hypotheses.always else None
         found = self._fit(predicted, no_constraints() if hypothesis is None else self._held(hypothesis, poses[0]))
-        best = self._with_limbs(found, predicted, elapsed_s)
+        best = self._with_limbs_found(found, predicted, elapsed_s)
         if self._is_doubtful(best):
             best = self._likeliest_scene(best, predicted)
         if self.moved:
             self._keep_path(best.belief.pose, found.belief.pose)
         return best, hypothesis
 
-    def _with_limbs(self, found: Registration, predicted: PoseBelief, elapsed_s: float) -> Registration:
+    def _with_limbs_found(self, found: Registration, predicted: PoseBelief, elapsed_s: float) -> Registration:
         """Return the registration after comparing it with its rivals, and after a search for misplaced limbs."""
         best, seen = found, self.window[1]
         if found.found:
