@@ -117,7 +117,7 @@ class Observation:
     """One frame with the results of all stages before registration."""
 
     frame_set: FrameSet
-    # where the patient was expected; None in an initial frame, and if people were found anew after an occlusion
+    # where the patient was expected; None in an initial frame, and if a scene hypothesis replaced the frame's labels
     expected: Expectation | None
     evidence: Evidence
     surface: Surface  # the patient's seen skin

@@ -45,7 +45,7 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import NEAR_M, WALK_M_S, LastSeen
 from anchorpose.tracker.sighting import TWO_PEOPLE_M
 
-# m, error of the place of a rough body's trunk
+# m, assumed error of the place of a rough body's trunk, which has average proportions: the depth of half a chest
 ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
@@ -237,8 +237,8 @@ def _exchanged(now: Observation, known: KnownPeople) -> Iterator[SceneHypothesis
 
 
 def _known_labels(isolated: Isolated, now: Observation, known: KnownPeople) -> np.ndarray:
-    """Return (256,) uint8 the label of each label of a frame whose people were found anew: that of the bystander who
-    was expected there, or a new one.
+    """Return (256,) uint8: for each label that ``isolate_first`` gave, the label of the bystander who was expected at
+    this person's place, or a new label.
     """
     renamed = np.arange(256, dtype=np.uint8)
     shown, free = labels_of(isolated.views), first_free(now.memory, known.elapsed_s)
