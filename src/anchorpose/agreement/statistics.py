@@ -3,8 +3,8 @@
 The method is Bland and Altman 2007 (doi:10.1080/10543400701329422), for pairs of simultaneous values (one per system)
 of a quantity that changes from pair to pair: the variance of a difference between the systems is the sum of the
 variance within a unit and the variance between units, both from a one-way analysis of variance. A unit is a subject or,
-with few subjects, a stretch of a recording. Confidence intervals are computed by the method of variance estimates
-recovery: Zou 2013 (doi:10.1177/0962280211402548).
+with few subjects, a stretch of a recording. Confidence intervals are computed by MOVER, the "method of variance
+estimates recovery" (Zou 2013, doi:10.1177/0962280211402548).
 """
 
 from __future__ import annotations

@@ -120,8 +120,8 @@ def _coupled(information: np.ndarray, m: int, n: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _range_equations(vectors: np.ndarray, ranges: JointRange) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return hessian, gradient and cost of the joint range: squared deviations of the moving bones from their mean, and
-    squared bends beyond hinge limits.
+    """Return Hessian, gradient and value of the cost that keeps joints in their usual range: the squared deviation of
+    each bone's turn from the mean of ``ranges``, and the squared angle by which a knee or elbow exceeds its limits.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """

@@ -126,7 +126,9 @@ def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
 def _path(
     graph: csr_array, nodes: np.ndarray, points_m: np.ndarray, normals: np.ndarray, away_m: np.ndarray
 ) -> LimbPath:
-    """Return the path from the tip to the root of one piece of nodes."""
+    """Return the path through one connected piece of nodes, from the node farthest from the covered skin (tip) to the
+    node nearest to it (root).
+    """
     roots = nodes[away_m[nodes] <= max(NEIGHBOUR_M, float(away_m[nodes].min()))]
     field, before, _ = dijkstra(graph, directed=False, indices=roots, min_only=True, return_predecessors=True)
     chain = [int(nodes[np.argmax(field[nodes])])]

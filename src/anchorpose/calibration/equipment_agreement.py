@@ -31,8 +31,8 @@ ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum lead of the best pose among the poses that symmetry allows. Its share of points seen through must be lower by
-# at least this than the share at the second-best pose
+# minimum difference between two poses of symmetric equipment, in the share of a camera's points that another camera
+# sees through. The pose with the smallest share is accepted only if all others have a share larger by at least this
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
 

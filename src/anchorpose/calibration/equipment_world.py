@@ -42,7 +42,8 @@ MOVED_SIGMAS: Final = 5.0  # standard deviations of the pose; if the pose change
 # m, minimum shift that counts as a movement; twice the accuracy that a calibration must have
 LEAST_SHIFT_M: Final = 0.008
 LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as a movement of the equipment
-# if more than this share of the unhidden equipment is seen through, the equipment is searched on the whole floor
+# if the camera reads something behind more than this share of the equipment that nothing hides, the equipment is not in
+# the assumed place, and is searched for on the whole floor
 DOUBT_SHARE: Final = 0.2
 GONE_SHARE: Final = 0.4  # if more than this share of the unhidden equipment is seen through, it is gone
 # m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from its place by a given pose.

@@ -113,7 +113,8 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """Enter in ``bend`` a node's place in the plane of its path, and in ``chain`` the last corner where the path bends.
+    """Unfold the shortest path to a node into a plane; write the node's place in this plane to ``bend``, and the last
+    corner at which the path bends to ``chain``.
 
     at_x, at_y: a place on the path in its plane; last, first: the last corner at which the path may bend, and the first
     corner at which it bends.
@@ -200,13 +201,13 @@ def trusted_anchors(
 ) -> np.ndarray:
     """Return (n, k) bool: whether a node's distance to an anchor is as long as it would be without occlusions.
 
-    descriptor (n, k) metres, from ``anchor_descriptor``: the distances on this surface. rim (n,) bool: nodes where
-    something else ends the surface, ``surface.border.border(...) == Border.CUT``. A few nodes beside the border may be
-    True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is not a rim: it is the
-    same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached (inf) anchors are not
-    trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit), the computed detour is
-    too long: the path over the complete skin would bend at the outline, too. Fewer anchors are then trusted than
-    possible.
+    descriptor (n, k) metres, from ``anchor_descriptor``: the distance of each node to each anchor along this surface.
+    rim (n,) bool: nodes at which the surface ends because something hides the rest of it (``Border.CUT``). A few nodes
+    beside the border may be True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is
+    not a rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached
+    (inf) anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit),
+    the computed detour is too long: the path over the complete skin would bend at the outline, too. Fewer anchors are
+    then trusted than possible.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -317,8 +318,8 @@ def _detour_of(
 def _least_before(
     ring: np.ndarray, link_start: np.ndarray, link_node: np.ndarray, distance: np.ndarray, found: np.ndarray, node: int
 ) -> float:
-    """Return the least detour among the node's neighbours that are nearer to the anchor; the node's path passes between
-    two of them.
+    """Return the smallest detour of those neighbours of the node that are nearer to the anchor. The shortest path to
+    the node passes between two of these neighbours, so the node's own detour cannot be smaller.
     """
     least = np.inf
     for k in range(8):

@@ -37,10 +37,10 @@ MOST_BEHIND: Final = 0.05
 
 
 def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.ndarray]) -> float:
-    """Return the share of the pixels with a known room depth whose reading shows the room: the median over frames
-    (height, width) float32; 0 with too few frames or known pixels.
+    """Return the share of pixels that show the room, among the pixels whose room depth is known: the median over
+    frames. Return 0 if there are too few frames or known pixels.
 
-    room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
+    frames_m: depth images (height, width) float32. room_m, sigma_m (height, width) float32: as in ``BackgroundModel``.
     """
     if len(frames_m) < FRAMES_NEEDED or np.count_nonzero(room_m) < LEAST_KNOWN * room_m.size:
         return 0.0

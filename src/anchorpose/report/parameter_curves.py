@@ -66,7 +66,9 @@ def parameter_charts(trials: Trials, found: Mapping[MeasureKey, Sequence[Measure
 
 
 def _chart(column: TrialColumn, trials: Trials, sides: Sequence[Sequence[Measure]]) -> StillChart | None:
-    """Return a measure's chart over a column's numbers; None unless a side has values at two different numbers."""
+    """Return the chart of a measure against the trial parameter in ``column``. Return None if neither the left nor the
+    right side has values at two different numbers of this parameter.
+    """
     cells = dict(zip([trial.number for trial in trials.rows], trials.column(column.name), strict=True))
     drawn, table = list[Drawn](), list[tuple[str, Sequence[str]]]()
     times, unit = unit_of(sides[0][0].unit)

@@ -63,8 +63,9 @@ def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (what, mean, median, 95 %, lost, coverage) for all joints, each joint, each state and other
-    groups; groups without joints are left out.
+    """Return rows of text with six columns: name of a group of joints, mean error, median error, 95 % error, share of
+    lost joints, coverage. The groups are all joints, each joint, all joints in a state, and others; a group without a
+    joint in any frame is left out.
     """
     groups = [
         ("all joints", evaluation.overall),

@@ -124,8 +124,8 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the measures of the time in which the patient is upright: share with people's hands on the patient, time
-    and share without them, and the mean and the largest number of simultaneous contacts.
+    """Return the measures of the time in which the patient is upright: the share of this time in which people's hands
+    are on the patient, time and share in which no hand is, and the mean and largest number of simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())

@@ -31,8 +31,8 @@ CORRELATION_S: Final = 1.5
 
 
 def systematic_share(unit: str) -> float:
-    """Return the systematic share of the variance of values in this unit: for ``deg``, the share of angles, else that
-    of joints.
+    """Return which share of the variance of values in this unit is due to systematic errors: the share measured for
+    angles if the unit is ``deg``, otherwise the share measured for joint positions.
     """
     return ANGLE_SHARE if unit == "deg" else JOINT_SHARE
 

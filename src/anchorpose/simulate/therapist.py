@@ -58,7 +58,9 @@ class Therapist:
     hold: Hold | None  # places that the hands hold; None = holds nothing
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
-        """Return T_world_rest (t, b, 4, 4) of every bone. Hands that hold follow the patient's bones (t, b, 4, 4)."""
+        """Return T_world_rest (t, b, 4, 4) of every bone of the therapist. Hands that hold the patient move with the
+        held bones. patient_bones (t, b, 4, 4): T_world_rest of the patient's bones.
+        """
         if self.hold is None:
             return self.actor.bones(times_s)
         person = self.actor.person

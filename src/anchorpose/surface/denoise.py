@@ -228,8 +228,8 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """Count, for each pixel of a row, the neighbour at one offset if it is within the jump limit; indices: see
-    ``_add_tap``.
+    """Add 1 to ``support`` at each pixel of a row whose depth differs by at most ``limit`` from the depth of the pixel
+    at one offset. The indices are those of ``_add_tap``.
     """
     for k in range(count):
         z = depth[i, there + k]

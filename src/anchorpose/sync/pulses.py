@@ -130,9 +130,9 @@ def find_pulse_clock(
     the pulses on the recording's clock and on the other clock (``pulses_of_signal``).
 
     near_s: an offset that is correct within half a second, None if unknown. Raises NoCommonMovement if too few pulses
-    match, or another offset matches nearly as many starts and ends, in the same or in another reading. Offsets of two
-    readings of very short pulses may differ by less than pulses jitter. Then the offset lies midway, and its sigma
-    includes the difference.
+    match, or another offset matches nearly as many starts and ends, in the same or in another reading. If pulses are
+    very short, the offsets that follow from two readings may differ by less than the pulses' jitter. Then the offset
+    lies midway between both, and its sigma includes their difference.
     """
     trials = [_tried(mine, other, near_s) for mine in ours for other in theirs]
     best = max(trials, key=lambda trial: trial.most)

@@ -119,8 +119,8 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
     the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines this
     shape. To save memory, only the frames of the latest window and of the longest window of each stretch are kept, for
-    each of two opposite facings. At the end, other statures are tried on the longest windows, unless a height is stated
-    that the images do not contradict.
+    each of two opposite facings. At the end, bodies of other heights are fitted to the longest windows, except if the
+    user stated a height and the images agree with it.
     """
     learnt, longest = None, list[_Seen]()
     for stretch in stretches:

@@ -161,7 +161,7 @@ class _Passes:
             self._blocks(folder).require(self.journal.inside(folder).read("state", _PassState).blocks)
 
     def frames(self) -> Iterator[TrackedFrame]:
-        """Track both sides, then yield all frames in the order of time."""
+        """Track backward and forward from the initial frame; then yield all frames in the order of time."""
         both = len(self.route.backward) > 1
         if both:
             self.side("backward", self.route.backward)

@@ -172,8 +172,8 @@ def _start_with(
 ) -> Start | None:
     """Return the start with a registered first pose, after a search for misplaced limbs; None if the pose does not fit.
 
-    expected: as in ``find_start``. facing: as in ``start_as_learnt``; the search then does not turn the body round.
-    turned: the opposite facing, a rival of the pose.
+    expected: as in ``find_start``. facing: as in ``start_as_learnt``; if it is given, the search does not turn the body
+    round. turned: a pose with the opposite facing, which becomes a rival of the first pose.
     """
     if not found.found:
         return None

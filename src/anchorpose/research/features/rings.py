@@ -75,8 +75,8 @@ def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 def _spread(
     edges: _Edges, limit: np.float32, best: np.ndarray, queue: np.ndarray, waits: np.ndarray, node: np.ndarray, end: int
 ) -> int:
-    """Add the nodes within ``limit`` metres of node[end - 1] to ``node``, their distances to ``best``; return the new
-    end.
+    """Find the nodes within ``limit`` metres of node[end - 1]. Append them to ``node``, write their distances to
+    ``best``, and return the new number of entries of ``node``.
 
     Nodes to visit wait in a circular queue. A node is queued again if a shorter path is found, so no heap is needed.
     """

@@ -129,7 +129,7 @@ def _contexts(
 def _direction_cells(
     points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray, azimuths: int, elevations: int, cell: np.ndarray
 ) -> None:
-    """Fill the first two rows of cell (3, k): the numbers of the azimuth and elevation in which each neighbour lies."""
+    """Write the indices of each neighbour's azimuth bin and elevation bin to the first two rows of cell (3, k)."""
     px, py, pz = points[own, 0], points[own, 1], points[own, 2]
     x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2]
     y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2]

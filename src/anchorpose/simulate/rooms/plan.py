@@ -32,8 +32,8 @@ Clutter = Literal[
 ]
 
 NEAREST_M, FARTHEST_M = 1.2, 4.5  # m, limits of the distance from camera to patient along the floor
-# m, maximum distance from the camera to a late patient; from a greater distance, the walk would take the whole
-# recording
+# m, maximum distance from the camera to the place of a patient who comes in after the recording has begun; a walk to a
+# place farther away would take the whole recording
 FARTHEST_LATE_M: Final = 3.3
 RANGE_MARGIN_M: Final = 0.5  # m, space for movements between the patient and the end of the sensor's range
 LOWEST_M, HIGHEST_M = 0.5, 2.5  # m, limits of the camera's height
