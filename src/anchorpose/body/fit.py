@@ -121,7 +121,8 @@ def _coupled(information: np.ndarray, m: int, n: int) -> bool:
 @njit(cache=True, nogil=True)
 def _range_equations(vectors: np.ndarray, ranges: JointRange) -> tuple[np.ndarray, np.ndarray, float]:
     """Return Hessian, gradient and value of the cost that keeps joints in their usual range: the squared deviation of
-    each bone's turn from the mean of ``ranges``, and the squared angle by which a knee or elbow exceeds its limits.
+    each bone's turn from the mean of ``ranges``, and the squared angle by which an elbow, knee or hip exceeds
+    its limit.
 
     vectors (m, 3): the bones' rotation vectors, radians.
     """

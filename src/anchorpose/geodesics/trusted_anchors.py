@@ -113,8 +113,8 @@ def _behind(
     at_x: float,
     at_y: float,
 ) -> None:
-    """Unfold the shortest path to a node into a plane; write the node's place in this plane to ``bend``, and the last
-    corner at which the path bends to ``chain``.
+    """Unfold the shortest path to a node into a plane. Write the node's place in this plane to ``bend``. Write to
+    ``chain`` the last and the first corner of the path.
 
     at_x, at_y: a place on the path in its plane; last, first: the last corner at which the path may bend, and the first
     corner at which it bends.
