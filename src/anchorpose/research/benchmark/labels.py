@@ -1,4 +1,4 @@
-"""Read labels (pixels of joints, set by eye in real depth images); compare labels with labels or tracked joints."""
+"""Read labels (pixels of joints, set by eye in real depth images); compare them with other labels or tracked joints."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square; the median depth in it counts as the skin's depth
+# px, from a label to the sides of a square; the median depth in the square counts as the skin's depth
+PATCH_PX: Final = 3
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Joints that clothes hide. Two labellers placed them by the body's proportions; their labels differ by up to 12 cm."""
+"""Joints that clothes hide. Two labellers estimated the positions of these joints from the body's proportions; the
+labels of the two differ by up to 12 cm.
+"""
 DEEP_M: Final = 0.10  # m, distance from the trunk's seen skin to its axis, which lies behind the skin
 
 
@@ -97,7 +100,8 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
     of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
-    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.
+    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints of ``BY_PROPORTION``, and labels without a depth
+    reading, are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():

@@ -37,7 +37,7 @@ from anchorpose.threads import one_thread
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
 REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of recordings made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first frame never has a hole
+HOLE_SHARE: Final = 0.5  # share of frames, drawn at random, that get a hole, as in the paper; the first frame gets none
 STEP: Final = 2  # pixels between neighbouring nodes, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to multiples of this before their hash is computed
 
@@ -58,7 +58,8 @@ class Benchmark:
 
     folder: Path
     groups: tuple[Group, ...]  # groups (all recordings of a seed) that are complete in the folder
-    other_bytes: tuple[str, ...]  # a sentence for each recording whose fingerprint differs from ``reference``
+    # a sentence for each recording whose fingerprint differs from the published fingerprint
+    other_bytes: tuple[str, ...]
 
 
 def make_benchmark(
@@ -102,7 +103,10 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """Return a sentence for each recording whose fingerprint differs from ``reference``. found: fingerprint by name."""
+    """Return a sentence for each recording whose fingerprint differs from the published fingerprint.
+
+    found: computed fingerprints by name of the recording; recordings without a published fingerprint are skipped.
+    """
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)

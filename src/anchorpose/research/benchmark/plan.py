@@ -19,7 +19,7 @@ compared.
 """
 
 SECONDS: Final = 6.0
-FPS: Final = 10.0  # frames per second, since the paper's samples are about a tenth of a second apart
+FPS: Final = 10.0  # frames per second: the frames (samples) of the paper are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Number of frames from the first to the second frame of a pair, by task. In these tasks, nodes are matched."""
 

@@ -28,8 +28,8 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
     The error of a joint is its distance from the label, perpendicular to the line of sight. The labels of both
-    labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
-    recording has labels.
+    labellers count. A joint too far in front of or behind the labelled skin counts as missing. Only people in plain
+    view are scored. Raises InputError if no recording has labels.
     """
     names = labelled_recordings(labels)
     if not names:

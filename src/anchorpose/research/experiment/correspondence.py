@@ -1,4 +1,4 @@
-"""Compute the true correspondence of simulated surfaces: the place, in another frame, of each node's skin point."""
+"""Compute true correspondence: where a skin point, which a node shows in a simulated frame, is in another frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a skin point is seen if a node is within this distance
+# m, distance from a skin point to the nearest node up to which the point is seen; twice the spacing of nodes
+SEEN_M = 0.025
 ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
 SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
 
@@ -27,11 +28,11 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""Beginnings of the names of each region's bones, without Left or Right. A bone belongs to the region with the longest
-beginning that fits its name.
+"""Beginnings of the names of each region's bones, without Left or Right. If beginnings of several regions fit a bone's
+name, the longest beginning decides.
 """
 
-LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without sides; later regions are limbs
+LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without a left and a right side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +87,7 @@ class Skin:
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) between
-        these along the mesh.
+        these sampled vertices along the edges of the mesh.
         """
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces
