@@ -108,7 +108,8 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     return joints
 
 
-ON_BODY_M = 0.3  # m, maximum distance from the body's centre to the nearest reading, which else is not on the body
+# m, maximum distance from the body's centre to the nearest reading; a farther reading is not on the body
+ON_BODY_M = 0.3
 HOLES_KEY = 7  # key of the random numbers that choose the frames with holes; the simulator uses other random numbers
 
 

@@ -26,14 +26,14 @@ class Scene(StrEnum):
 
 
 class Form(StrEnum):
-    """A form of the paper's tracking framework. In each form, the pose is computed from the matches of nodes in another
-    way.
+    """A form (variant) of the paper's tracking framework. The forms differ in how the pose is computed from the matches
+    of nodes.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
-    rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
+    rejection leaves a node unmatched if all its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
     node's predicted place. Such a form also gives outliers less weight (Cauchy's function) when the motion of a body
-    part is fitted, and replaces a pose that explains too little of the frame by the predicted pose. Bad matches then
-    have little effect.
+    part is fitted. If the fitted pose explains too little of the patient's surface in the frame, the form replaces this
+    pose by the predicted pose. As a result, bad matches have little effect.
     """
 
     REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
@@ -77,11 +77,11 @@ class ExperimentConfig:
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
-    # pose.
+    # Number of frames in a segment of a recording, one second by default. In the first frame of each segment, the pose
+    # is given to the methods.
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # Number of segments per recording on which every method runs, drawn at random. The pose in the first of their ten
-    # frames is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
+    # Number of segments per recording on which every method runs, drawn at random. In the first of a segment's ten
+    # frames, the pose is given and not tracked, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap

@@ -1,4 +1,8 @@
-"""Run methods in the paper's framework, from a given pose. Methods differ only in how they match nodes (Section V)."""
+"""Run methods in the paper's tracking framework (Section V), from a given pose.
+
+The methods differ in how they match nodes of the surface between frames. A few methods also differ in the options of
+``Way``.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +27,15 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # m, unknown height: once the body is set, only the search for anchors would need it
+# m, stands for the patient's unknown height in an observation without anchors: only the search for anchors needs it
+NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The paper's limit of the change of a node's distance to an anchor between two frames. Its first part is for the
-anchor's jitter, 5 cm as in the paper. Its second part is for noise of the surface, a "linear function" in the paper,
-which states no numbers.
+"""The paper's limit of the change of a node's distance to an anchor between two frames. The first part of the limit is
+for the anchor's jitter: 5 cm, as in the paper. The second part is for noise of the surface and is proportional to the
+distance. The paper calls this part a "linear function" without numbers; here it is 1 cm per metre.
 """
 
 
@@ -62,8 +67,8 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """Return all data that are known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last pose: at
-    so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
+    stride: number of frames from one used frame to the next. With a stride above 1, the last pose serves as the
+    prediction: at so low a rate, the reference movements have too few frames to predict poses.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -74,9 +79,9 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. The joints
-    of these earlier frames are given, too: as many as the prediction uses, but only from frames after the patient was
-    last lost.
+    The prediction of poses (motion dynamics) uses joints of earlier frames, one frame in every ``stride`` frames. The
+    joints of these earlier frames are given, too. They are as many as the prediction uses, but only from frames after
+    the last frame in which the patient was lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)

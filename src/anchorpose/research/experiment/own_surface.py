@@ -30,18 +30,20 @@ TRIED: Final = 1200  # maximum number of skin points with which nodes are compar
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
 SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
-# Sigma of a turn (a sine). It is larger than a turn's error of 0.4, since ten turns are used but only four are
-# independent.
+# Standard deviation of a turn, which is the sine of an angle (see ``turns``). It is larger than a turn's error of 0.4,
+# since ten turns are used but only four are independent.
 TURN_SIGMA: Final = 0.6
 # Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
 # simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
 # Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# Maximum excess of a skin point's sum of squared deviations over the best point's sum, for the point to fit almost as
-# well.
+# Maximum excess of a skin point's sum of squared deviations (each divided by its variance) over the best point's sum.
+# Up to this excess, the point counts as fitting almost as well.
 ALMOST: Final = 2.0
-CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit a node almost as well as the best: thigh width
+# m, maximum spread of the skin points that fit a node almost as well as the best point; a node with a greater spread
+# has no match. The value is the width of a thigh.
+CLEAR_M: Final = 0.10
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
 # Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
 # of ``SIGMA_M``.
@@ -85,7 +87,7 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return distances and turns of a body's skin points; the results for the last four bodies are cached."""
+    """Return a body's skin points with their distances and turns; the results for the last four bodies are cached."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)

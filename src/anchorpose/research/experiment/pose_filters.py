@@ -40,9 +40,11 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return constraint rows that pull the skin point beside each node to the place of the node's match.
+    """Return constraints (rows of the least-squares system) that pull the skin point beside each node to the node's
+    match.
 
-    robust: whether matches far from the skin point have less weight. window: observations of this and later frames.
+    robust: whether a match far from the skin point has less weight than a near match. window: observations of this and
+    later frames.
     """
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)

@@ -113,15 +113,16 @@ MISSED_MM: Final = 100.0
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
     """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
-    A distance counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one
-    array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
+    A distance counts at most ``MISSED_MM``, since the framework's registration is robust to outliers: a worse match
+    does hardly more harm. tree_mm: one array (m,) for each pair of frames, NaN without a match. The result is NaN
+    without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method. Each has its score, and states whether it is chosen.
+    """Return the tried settings of a method, each with its score and whether it is chosen.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

@@ -1,6 +1,7 @@
-"""Make tables by form of the framework and by gap between frames; compare "next generation" with the other methods.
+"""Make tables by form of the tracking framework and by gap (time between two frames), and tables of "next generation".
 
-Forms differ in whether body parts are also registered to the surface, and in whether bad matches are rejected.
+Forms of the framework differ in whether body parts are also registered to the surface, and in whether bad matches are
+rejected. Tables of "next generation" compare this method with every other method.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # mm, error below which a match counts as good: the paper's bound on the error of an anchor
+WITHIN_MM = 50.0  # mm, a match with a smaller error counts as good; this is the paper's bound on an anchor's error
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -158,7 +159,9 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all methods except the next generation, to be compared with it; none if it is not among ``methods``."""
+    """Return all methods except the next generation, to be compared with the next generation; an empty list if the next
+    generation is not among ``methods``.
+    """
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
 

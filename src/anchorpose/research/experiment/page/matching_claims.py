@@ -25,10 +25,12 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum number of nodes, as a share of the paper's; times of smaller meshes prove nothing
+# minimum number of nodes of the timed mesh, as a share of the number of nodes of the paper's mesh; a short time on a
+# smaller mesh does not confirm the claim
+COMPARABLE: Final = 0.8
 CLEARLY_LESS: Final = 0.8  # maximum ratio of the error at head and neck to the error elsewhere for "clearly less"
-# Minimum share, for "often", of the matches of hands or feet that lie on the opposite hand or foot. By chance, this
-# share is 1 in 40.
+# Minimum share of the matches of hands (or feet) that lie on the opposite hand (or foot), for the word "often" in the
+# claim. By chance, this share is 1 in 40.
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -59,8 +61,8 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit to the
-        surface corrects them.
+        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit of body
+        parts to the surface corrects errors that wrong matches cause.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -159,7 +161,9 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS."""
+        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS (matching by all
+        distances).
+        """
         return Claim(
             "like-gmds",
             "Section III-A",
@@ -196,8 +200,8 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes. The reader needs it, since a method that matches only
-        easy nodes has a lower error.
+        """Return texts with each method's share of matched nodes. The reader needs this share, since a method that
+        matches only easy nodes has a lower error.
         """
         lines = []
         for key in keys:
@@ -225,7 +229,8 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families that use no filter; methods with a filter only show its effect."""
+        """Return the methods of these families except methods with a filter, which only show the effect of the filter.
+        """
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

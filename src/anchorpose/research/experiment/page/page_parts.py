@@ -91,11 +91,15 @@ SIGNS: Final = {
 
 
 MOST_NAMED: Final = 3
-"""Maximum number of comparisons with the answer no that are listed in a claim's short text; more are not listed."""
+"""Maximum number of comparisons with the answer no that a claim's short text lists. If more comparisons have this
+answer, the text lists none of them.
+"""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Return a table as HTML, a row per method, intervals in brackets. unfolded: whether rows are shown at first."""
+    """Return a table as HTML, a row per method, intervals in brackets. unfolded: whether the rows are visible when the
+    page is opened.
+    """
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []

@@ -1,7 +1,8 @@
 """Draw how a hole in a frame's mesh distorts geodesic distances from an anchor (paper, Definitions 4 and 5).
 
-Colour shows the distortion: by how much a distance is longer with the hole. Lines show where distances to the hole's
-border are undistorted (the bright region) and where they are distorted (the shadowed boundary).
+Colour shows the distortion: by how much a distance is longer with the hole. Lines along the hole's border show where
+the anchor's distances to the border are undistorted (the bright region) and where they are distorted (the shadowed
+boundary).
 """
 
 from __future__ import annotations
