@@ -75,7 +75,9 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
 
 
 Prepared = Callable[[np.ndarray], np.ndarray]
-"""Function that takes some vertices of a patch and returns the distance (k,) of every vertex to the nearest of them."""
+"""Function that takes some vertices of a patch and returns the distance (k,) of every vertex of the patch to the
+nearest of the given vertices.
+"""
 
 Solve = Callable[[np.ndarray, np.ndarray], Prepared]
 """Function that prepares one patch, given by vertices (k, 3) and faces, to be solved many times."""

@@ -57,8 +57,9 @@ class Light:
     """The effect of the occlusion on distances from one node."""
 
     occlusion: Occlusion
-    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if only the occlusion
-    # disconnects the node, NaN for hidden nodes and for nodes that are not connected on the whole surface
+    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if the node is
+    # disconnected only because of the occlusion, NaN for hidden nodes and for nodes that are not connected on the whole
+    # surface
     distortion_m: np.ndarray
 
     @property

@@ -1,4 +1,4 @@
-"""Read and check a folder of answers: answers.json, and tables of joints and of matches (CSV or Parquet)."""
+"""Read and check a method's answers, a folder with answers.json and tables of joints and of matches (CSV or Parquet)."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ the node has no match.
 class JointAnswers:
     """The answers about the joints of one recording; values that the answers do not give are NaN."""
 
-    position_m: np.ndarray  # (t, 21, 3), world
-    sigma_m: np.ndarray  # (t, 21)
+    position_m: np.ndarray  # (t, 21, 3), metres, world, in t frames
+    sigma_m: np.ndarray  # (t, 21), metres, standard deviation of the position's error along each axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class Answers:
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
-    """Return the answers about recordings in the benchmark folder; raises InputError with the first fault."""
+    """Return the answers about recordings in the benchmark folder; raises InputError about the first fault found."""
     method, source = _read_about(folder / ABOUT)
     joints, matches = (_table_file(folder, name) for name in ("joints", "matches"))
     if joints is None and matches is None:

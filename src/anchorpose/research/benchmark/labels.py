@@ -32,7 +32,7 @@ class LabelledPerson:
     """The labels of one person in one frame."""
 
     person: str
-    plain: bool  # whether in plain view: head and more than half of the trunk are seen
+    plain: bool  # whether the person is in plain view: head and more than half of the trunk are seen
     box: tuple[float, float, float, float]  # box around the person: first column, first row, last column, last row
     joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
     unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
@@ -130,7 +130,9 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels."""
+    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels, at the depth of
+    the label of ``one``.
+    """
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
@@ -140,7 +142,9 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if it is lost or behind the camera."""
+    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if a joint of ``TRUNK`` is lost, or if
+    the middle is not in front of the camera.
+    """
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():
         return None

@@ -67,7 +67,8 @@ def make_benchmark(
 ) -> Benchmark:
     """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
 
-    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only checks the benchmark.
+    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only computes fingerprints
+    and compares them with the published fingerprints.
 
     Raises InputError if the folder is not empty and is not a benchmark of this version.
     """

@@ -45,8 +45,8 @@ SEEDS: Final = {
     Part.DEVELOPMENT: (range(7601, 7603), range(7651, 7652)),
     Part.TEST: (range(7701, 7711), range(7751, 7755)),
 }
-"""Seeds of each part, first of single recordings (one person, one camera), then of clinics (three cameras, a standing
-frame and two therapists). No setting of anchorpose was chosen on these recordings.
+"""Seeds of each part: first the seeds of single recordings (one person, one camera), then the seeds of clinics (three
+cameras, a standing frame and two therapists). No setting of anchorpose was chosen on these recordings.
 """
 
 

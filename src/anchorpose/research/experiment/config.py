@@ -93,7 +93,7 @@ class ExperimentConfig:
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
     scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    # also run variants of anchorpose's tracker that lack one component each, in scenes with a standing frame
+    # whether variants of anchorpose's tracker that lack one component each also run, in scenes with a standing frame
     ablation: bool = True
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401
@@ -102,8 +102,10 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
-    tuned: bool = True  # False: every method uses its first setting
-    pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
+    # whether settings are chosen on the training recordings; False: every method uses its first setting
+    tuned: bool = True
+    # whether pictures of matches, hypotheses and tracked joints are drawn; False: only tables and figures
+    pictures: bool = True
     resamples: Annotated[Count, Field(ge=100)] = 2000  # number of random draws of recordings for a bootstrap interval
 
     def __post_init__(self) -> None:

@@ -31,11 +31,12 @@ from anchorpose.tracker.room import Room, Run
 NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
 ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
-ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
+ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that all nodes are tracked
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
 """The paper's limit of the change of a node's distance to an anchor between two frames. The first part of the limit is
 for the anchor's jitter: 5 cm, as in the paper. The second part is for noise of the surface and is proportional to the
-distance. The paper calls this part a "linear function" without numbers; here it is 1 cm per metre.
+node's distance to the anchors. The paper calls this part a "linear function" without numbers; here it is 1 cm per
+metre.
 """
 
 

@@ -161,7 +161,8 @@ class GivenFrames:
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start of tracking in the frame at a position, made only once for all runs of equal ``observing``.
+        """Return the start of tracking in the frame at a position, made only once for all runs with equal
+        ``observing``.
 
         observing: the settings on which the observation of a frame depends.
         """

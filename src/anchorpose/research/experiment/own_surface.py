@@ -59,7 +59,9 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns."""
+    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (see
+    ``turns``).
+    """
 
     distance_m: np.ndarray  # (p, 5), along the skin in the rest pose, to the tips of head, hands and feet
     turns: np.ndarray  # (p, 10), see ``turns``

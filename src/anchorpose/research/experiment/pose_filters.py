@@ -84,10 +84,10 @@ def particle_update(
 ) -> PoseBelief:
     """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by ``rows``.
 
-    With sixty-six parameters, a single particle would have all the weight. So the likelihood is tempered (Neal 2001,
-    doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the particles stay
-    effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that keeps their
-    mean and covariance (Liu and West 2001).
+    The pose has sixty-six parameters, so a single particle would get all the weight. So the likelihood is tempered
+    (Neal 2001, doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the
+    particles stay effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that
+    keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T

@@ -43,7 +43,7 @@ class Matched:
 
     Arrays are over the m nodes of the first frame whose true place is seen in the second. Errors are distances of the
     match from this place, NaN without a match. Direct matches are made without the track tree. A method with several
-    hypotheses (possible matches) per node has no direct matches, since only the tree chooses one.
+    hypotheses (possible matches) per node has no direct matches, since only the tree chooses among the hypotheses.
     """
 
     scene: Scene

@@ -23,7 +23,8 @@ from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 APART_M: Final = 1e3  # m, assumed distance between separate pieces of surface, far greater than distances on a body
-FIRST_LIMIT_M: Final = 0.02  # m, limit of the RMS change of distances in ``_starts``; doubled until enough maps exist
+# m, maximum RMS change of distances of the maps in ``_starts``; the limit is doubled until enough maps are found
+FIRST_LIMIT_M: Final = 0.02
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +60,7 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 
 @settings
 class GmdsConfig:
-    """Resolution and effort of the search."""
+    """Settings of the search for the best map, which determine its resolution and its computing time."""
 
     # Number of samples, which are 7 cm apart on a body. With 50 samples, the mirror image would more often fit as well
     # as the truth.
@@ -67,7 +68,9 @@ class GmdsConfig:
     first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more sample
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
-    starts: Count = 24  # number of maps of first samples that are extended to all; many mirror the body or swap limbs
+    # number of maps of the first samples that are extended to all samples; many of these maps mirror the body or swap
+    # limbs
+    starts: Count = 24
     finalists: Count = 3  # number of best maps in which, in the last step, samples may move from candidates to any node
     # Maximum change of a distance in m; greater changes count as this value, since all distances to a hand change when
     # it touches the body.
@@ -134,8 +137,9 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their numbers on
-    ``surface``.
+    """Return the surface of the finite nodes on large pieces, and the numbers of these nodes on ``surface``.
+
+    A piece is large if it has at least the share ``min_piece`` of all finite nodes.
     """
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
@@ -145,8 +149,8 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
-    """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that none is
-    better.
+    """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that no map is
+    better than the first.
     """
     few = min(config.first_samples, len(among_a))
     a = np.ascontiguousarray(among_a[:few, :few])
@@ -173,7 +177,7 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return up to ``count`` maps of least stress, without maps that nearly equal a better one."""
+    """Return up to ``count`` maps of least stress, without maps that nearly equal a better map."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -189,7 +193,10 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move each sample in turn to the node of least stress until none moves; return places, their fields and stress."""
+    """Move each sample in turn to the node of least stress, until no sample moves or all sweeps are done.
+
+    Return the samples' places, the distance fields of these places, and the stress.
+    """
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

@@ -1,13 +1,13 @@
 """Compute the Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
 Depth meshes have slivers (very thin triangles) along their outline. The cotangents of their obtuse angles are strongly
-negative, so in the operator heat would flow from cold to warm. Therefore edges are flipped within the surface: the edge
-between two triangles is replaced by the other diagonal of their quadrilateral. Flipping uses lengths alone, changes no
-distance and leaves no negative weight. Outline edges have a triangle on one side only. Therefore each triangle exists
-twice, as front and as back. Front and back are glued along the outline, where this mirror image satisfies Neumann's
-condition. If an edge has three or more triangles, each triangle is glued to the next in the same way. Sources: Bobenko
-and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides
-of each triangle and the slight lengthening of edges.
+negative, so heat would, according to the operator, flow from cold nodes to warm nodes. Therefore edges are flipped
+within the surface: the edge between two triangles is replaced by the other diagonal of their quadrilateral. Flipping
+uses lengths alone, changes no distance and leaves no negative weight. Outline edges have a triangle on one side only.
+Therefore each triangle exists twice, as front and as back. Front and back are glued along the outline, where this
+mirror image satisfies Neumann's condition. If an edge has three or more triangles, each triangle is glued to the next
+in the same way. Sources: Bobenko and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020
+(doi:10.1111/cgf.14069), both sides of each triangle and the slight lengthening of edges.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from scipy.sparse.csgraph import connected_components
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
-MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
+# minimum excess of the sum of two sides of a triangle over the third side, as a share of the mean edge length
+MIN_SLACK: Final = 1e-5
 FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
 # rounding error of the sum of two cotangents; an edge is flipped if its sum of cotangents is more negative than this
 TOLERANCE: Final = 1e-9

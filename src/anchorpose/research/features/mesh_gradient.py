@@ -42,7 +42,9 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum width of the neighbours' spread, divided by its length. Below it, the derivative is NaN, as on a line."""
+"""Minimum ratio of the width to the length of the area in which a node's neighbours lie. With a smaller ratio, as for
+neighbours on a line, the derivative is NaN.
+"""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:

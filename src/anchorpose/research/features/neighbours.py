@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-BLOCK: Final = 32  # number of successive nodes that are skipped together if far away: about a mesh row on a limb
+# number of successive nodes that are skipped together if all are far away; about as many as a row of the mesh on a limb
+BLOCK: Final = 32
 
 
 class Neighbours(NamedTuple):

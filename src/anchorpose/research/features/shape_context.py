@@ -29,7 +29,8 @@ class ShapeContextConfig:
 
     # Radius of the sphere in m. The sphere contains a limb with its edges; in a smaller sphere, all surfaces look flat.
     radius_m: Positive = 0.20
-    # share of ``radius_m`` from which the shells' radii grow by a constant factor; the first shell still begins at 0
+    # share of ``radius_m`` at which the geometric series of the shells' radii begins; the first shell itself begins at
+    # 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
     density: Positive = 0.2  # share of radius_m within which points are counted for the density around a point
     # numbers of azimuths, elevations and shells, all as in PCL and in the authors' experiments

@@ -49,8 +49,8 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """The results of tracking in one form of the framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker runs outside the framework, so its frames are included in
-    every form.
+    Recordings are sorted by name. This project's tracker runs outside the framework, so its results are included
+    whatever the form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
