@@ -1,4 +1,4 @@
-"""Read and check a method's answers, a folder with answers.json and tables of joints and of matches (CSV or Parquet)."""
+"""Read and check a folder of a method's answers: answers.json, and tables of joints and of matches (CSV or Parquet)."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Yield the error of each labelled joint in metres; inf if the answer is missing or too far from the label's depth."""
+    """Yield the error of each labelled joint in metres; inf if the answer is missing or far from the label's depth."""
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:

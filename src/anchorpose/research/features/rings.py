@@ -1,4 +1,4 @@
-"""Find the neighbourhood of a node on the surface: nodes that paths along edges and links reach within some distance."""
+"""Find the neighbourhood of a node on the surface: nodes that edges and links connect with it within some distance."""
 
 from __future__ import annotations
 

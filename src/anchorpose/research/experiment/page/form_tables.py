@@ -127,7 +127,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return a table of the joint error of "next generation" minus each other method's joint error, in the same frames."""
+    """Return a table of the joint error of "next generation" minus each other method's error, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)

@@ -229,7 +229,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families except methods with a filter, which only show the effect of the filter."""
+        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -268,7 +268,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families except methods with a filter, which only show the effect of the filter."""
+        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -1,4 +1,4 @@
-"""Provide the parts of all pictures: pairs of frames with the truth, reproducible figures, a level view, shaded meshes."""
+"""Provide parts of all pictures: pairs of frames with the truth, reproducible figures, level view, shaded meshes."""
 
 from __future__ import annotations
 
