@@ -43,8 +43,8 @@ def solve_distance(
     """Return the distances (s, n) float32 in metres from each source, like ``geodesic_distance``, but by any solver.
 
     HEAT and EXACT use only triangles and give NaN at nodes that are connected by other edges only. HEAT and EXACT raise
-    ValueError if the surface has links or a source has no triangle, and MissingPackage if their package is not
-    installed.
+    ValueError if the surface has links or if a source has edges but no triangle, and MissingPackage if their package is
+    not installed.
     """
     if solver is Solver.FAST_MARCHING:
         return geodesic_distance(surface, sources, max_distance_m)

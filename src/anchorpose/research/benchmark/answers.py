@@ -128,7 +128,9 @@ def _row(index: int) -> str:
 
 
 def codes_of(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
-    """Return (rows,) the index in ``known`` of each text; raises InputError for a text that is not in ``known``."""
+    """Return (rows,): for each text in ``values``, its index in ``known``; raises InputError for a text not in
+    ``known``.
+    """
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]

@@ -92,7 +92,9 @@ def make_benchmark(
 
 
 def open_benchmark(folder: Path) -> Benchmark:
-    """Return the content of a folder that ``make_benchmark`` wrote; raises InputError for any other folder."""
+    """Return the content of a folder that ``make_benchmark`` wrote; raises InputError for any other folder, and if a
+    file of true joints has changed since then.
+    """
     found = _read_document(folder)
     groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
     if not groups:

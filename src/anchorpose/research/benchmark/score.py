@@ -129,7 +129,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the figures of a task. each: the questions about each recording."""
+    """Return the figures of a task over all recordings. each: one entry per recording, with the questions about it."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]

@@ -32,8 +32,9 @@ class Form(StrEnum):
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
     rejection leaves a node unmatched if all its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
     node's predicted place. Such a form also gives outliers less weight (Cauchy's function) when the motion of a body
-    part is fitted. If the fitted pose explains too little of the patient's surface in the frame, the form replaces this
-    pose by the predicted pose. As a result, bad matches have little effect.
+    part is fitted. If too little of the patient's surface lies near the body in the fitted pose, or if the depth images
+    are more probable without the body, the form replaces this pose by the predicted pose. As a result, bad matches have
+    little effect.
     """
 
     REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected

@@ -65,7 +65,10 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track the recording without holes by this project's tracker. labelled: whether to include the labels of pixels.
+    """Track a recording by this project's tracker; for the reference of other methods, this is the recording without
+    holes.
+
+    labelled: whether to include the labels of pixels.
 
     Raises NoReference if no patient is found, and InputError if the cameras' poses in the world cannot be found.
     """

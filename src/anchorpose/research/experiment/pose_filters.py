@@ -1,7 +1,7 @@
 """Update the whole pose, instead of separate body parts, by a filter.
 
 The paper names "an EKF, UKF, or particle tracking filter" (Section III). The state is the pose. The measurements are
-the places of the nodes' matches, at which the skin points beside the nodes should lie.
+the places at which the skin points beside the nodes should lie. These places follow from the nodes' matches.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ def match_rows(
 ) -> Constraints:
     """Return constraints (rows of the least-squares system) that pull the skin point beside each node to the node's
     match.
+
+    The match is shifted along the skin by the offset of the skin point from the node (``skin_places``).
 
     robust: whether a match far from the skin point has less weight than a near match. window: observations of this and
     later frames.

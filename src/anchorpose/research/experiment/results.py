@@ -73,7 +73,7 @@ class TriedSetting:
     """One setting of a method that was tried on the training recordings."""
 
     setting: str
-    score_mm: float  # mean distance of the setting's matches from the truth; ``MISSED_MM`` for a node without a match
+    score_mm: float  # mm, mean distance of the track tree's matches from the truth, as in ``capped_mean_mm``
     chosen: bool
 
 
@@ -102,7 +102,7 @@ class ExperimentResults:
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
     times: PaperTimes | None  # None if times were not measured
-    failed: tuple[str, ...]  # a sentence for each recording that could not be used
+    failed: tuple[str, ...]  # sentences on recordings that could not be used or drawn, or that lack results
     real: Path | None  # folder of real recordings
 
 

@@ -25,9 +25,10 @@ CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a sin
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
     """Fill slopes (>= count, 5) with each triangle's weight, centre (x, y) and gradient of the height.
 
-    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): rows of ``local``. half: metres,
-    half the width of the image's four cells in a row. A triangle's weight is twice its area as seen in the image, times
-    a Gaussian of its centre's distance from the node; it is 0 for a triangle seen from below or edge on.
+    local (m, 3): coordinates of the vertices, x and y in the node's tangent plane and the height above this plane.
+    triangles (>= count, 3): rows of ``local``. half: metres, half the width of the image's four cells in a row. A
+    triangle's weight is twice its area as seen in the image, times a Gaussian of its centre's distance from the node;
+    it is 0 for a triangle seen from below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
@@ -44,9 +45,9 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 @njit(cache=True)
 def outline_angle(slopes: np.ndarray, count: int) -> float:
-    """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
+    """Return the direction, as a share of a turn, in which the triangles' centres spread most around the node.
 
-    Of the axis's two directions, the direction in which the surface rises is returned. The result is NaN without a
+    Of the two opposite directions, the direction in which the surface rises is returned. The result is NaN without a
     surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

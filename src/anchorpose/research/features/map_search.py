@@ -57,7 +57,9 @@ def branch_and_bound(
 
 @njit(cache=True, error_model="numpy")
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
-    """Put sample ``level`` at a place, and fill table[level + 1] with the cost of each later sample at each candidate.
+    """Map sample ``level`` to the candidate ``place``.
+
+    Fill table[level + 1] with the cost of each later sample at each candidate.
 
     Return a lower bound of the cost of all samples after the next sample.
     """

@@ -189,8 +189,8 @@ def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neig
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN if it has no triangle.
 
     points_m (n, 3) float32. The axes are principal axes of the surface, from all triangles with a corner within the
-    radius, weighted by their area: x lies along the surface's widest spread and z across the surface; each points to
-    the side with more surface. Source: Guo et al. 2013, Section 3.
+    radius, with the weights of ``_scatter``: x lies along the surface's widest spread and z across the surface; each
+    points to the side with more surface. Source: Guo et al. 2013, Section 3.
     """
     return _frames(points_m, neighbours, triangles)
 

@@ -49,7 +49,7 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """Return the PNG files of ``folder / pictures`` in the order of their captions.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions, without the section ``FILES_ONLY``.
 
     Files without a caption follow in the order of their names. Raises InputError if the captions cannot be read, or
     name a missing file or section.
