@@ -16,7 +16,7 @@ from anchorpose.research.features.local_frame import principal_axes
 from anchorpose.research.features.neighbours import Neighbours, as_points, find_neighbours
 from anchorpose.settings import Count, Positive, settings
 
-STATISTICS = 5  # numbers per projection: central moments 11, 21, 12 and 22, and the entropy
+STATISTICS = 5  # number of values per projection: the central moments 11, 21, 12 and 22, and the entropy
 
 
 @settings
@@ -239,7 +239,9 @@ def _list_triangles(
 def _scatter(
     point: np.ndarray, radius: float, shape: np.ndarray, around: np.ndarray, scatter: np.ndarray, moment: np.ndarray
 ) -> float:
-    """Fill the surface's scatter about a point and its first moment, both up to a factor; return the sum of weights.
+    """Fill the second moments (scatter) and the first moment of the surface about a point, both up to a factor.
+
+    Return the sum of the triangles' weights.
 
     The integral of p p^T over a triangle is, up to a factor, the scatter of its corners plus twelve times p p^T of its
     centroid. A triangle's weight is its area times the squared distance of its centroid to the sphere's surface.

@@ -181,7 +181,9 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """Draw a row per method: a dot (the mean) with its interval. change: entries that replace those of ``look_of``."""
+    """Draw a row per method: a dot (the mean) with its interval. change: entries that replace entries of
+    ``look_of``.
+    """
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):
