@@ -33,7 +33,7 @@ from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):
-    """The error if the patient is not found in the recording without holes, so that no method can start."""
+    """The error that is raised if the patient is not found in a recording, so that no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,7 +48,7 @@ LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a 
 # Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
 # of ``SIGMA_M``.
 SETTLED_M: Final = 1e-4
-MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
+MOST_SWEEPS: Final = 30  # maximum number of sweeps, for distances that do not converge earlier
 
 MIRRORED: Final = np.array(  # the anchors with left and right exchanged
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]

@@ -129,7 +129,10 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest power of the likelihood, up to ``left``, with enough (``EFFECTIVE``) effective particles."""
+    """Return the largest power of the likelihood at which enough particles (``EFFECTIVE``) stay effective.
+
+    left: the power that remains to be applied, which is the maximum.
+    """
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())

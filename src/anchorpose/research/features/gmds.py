@@ -97,7 +97,7 @@ class GmdsMaps:
     samples: np.ndarray  # (k,) int32, nodes of the source
     places: np.ndarray  # (m, k) int32, nodes of the target, one row per map
     stress_m: np.ndarray  # (m,) float64, root mean square of the capped changes of distance
-    proven: bool  # whether the map of the first samples onto the first candidates is proven to be the best
+    proven: bool  # whether it is proven that no better map of the first samples onto the first candidates exists
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:

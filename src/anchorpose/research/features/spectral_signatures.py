@@ -147,7 +147,7 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
     With the integral over all pieces, small pieces would count as much as the body at low eigenvalues. With the
     integral over each node's own piece, the values on an arm that an object separates from the body would change at
-    high eigenvalues. The result is NaN without triangles.
+    high eigenvalues. The result is NaN for a surface without triangles.
     """
     if spectrum.piece_count == 0:
         return np.full(weights.shape[1], np.nan)

@@ -237,7 +237,7 @@ def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resa
 
 
 def _end_holes(tracking: Tracking, scene: Scene) -> list[float]:
-    """Return the smallest and the largest size of hole of a scene, in metres; one size if all holes are equal."""
+    """Return the smallest and the largest size of hole of a scene, in metres, or the only size."""
     holes = tracking.holes(scene)
     return list(dict.fromkeys((holes[0], holes[-1])))
 
