@@ -57,8 +57,8 @@ class Matched:
     tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
     direct_skin_mm: np.ndarray  # (m,), distance of the direct match along the skin
     tree_skin_mm: np.ndarray  # (m,), distance of the track tree's match along the skin
-    # (m,) bool, whether the match is on the same part of the other side, such as the other hand. The match is the
-    # direct match or, without a direct match, the match of the track tree.
+    # (m,) bool, whether the match is on the same part of the body's other side, such as the other hand. The match is
+    # the direct match or, without a direct match, the match of the track tree.
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them

@@ -147,8 +147,9 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
     Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation is counted from the
     direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
-    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped, and
-    scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
+    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, values above
+    ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
+    (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
     bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the cells have a margin, one cell wide, which is discarded

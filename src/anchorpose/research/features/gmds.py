@@ -3,8 +3,8 @@
 Samples are nodes of the source surface that lie far apart; candidates are nodes of the target surface that lie far
 apart. Samples are mapped so that the distances between them change as little as possible. First, branch and bound maps
 the few farthest samples onto few candidates and keeps the best maps that differ from each other. Next, all samples are
-mapped onto more candidates. Finally, in the best maps, each sample may move to any node of the target. All other nodes
-are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
+mapped onto more candidates. Finally, in the best maps, each sample may move from its candidate to any node of the
+target. All other nodes are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
 (doi:10.1073/pnas.0508601103): their least squares, with branch and bound for the initial map.
 """
 

@@ -275,8 +275,8 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """Return (n,) bool: nodes on pieces without a wave (a positive eigenvalue), such as pieces smaller than the
-    shortest wave.
+    """Return (n,) bool: nodes on pieces without a wave (an eigenfunction with a positive eigenvalue), such as pieces
+    smaller than the shortest wave.
     """
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
