@@ -43,7 +43,7 @@ SENSOR_PX: Final = 1024
 FOCAL: Final = (0.25, 1.0)
 """Limits of the focal length, divided by the sensor's width; a value beyond them shows that the file is damaged. For a
 lens without distortion, the lower limit means a field of view of 127 degrees, the upper limit 53 degrees. The maker
-states 120 for its lens, which has distortion; a real file has 0.493.
+states 120 degrees for its lens, which has distortion; the focal length in a real file is 0.493.
 """
 
 
@@ -100,7 +100,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 def _depth_camera(calibration: bytes) -> dict:
     """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError without such an
-    entry.
+    entry, or if its sensor does not have ``SENSOR_PX`` pixels per side.
     """
     try:
         document = parse_json(calibration.rstrip(b"\0"))
@@ -171,7 +171,7 @@ def open_source(path: Path) -> AzureKinectFile:
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
     """A recording of one camera. start_us: time of the device's clock at the file's time 0, microseconds; left_out:
-    number of damaged depth images. It is counted while frames are read, so the class is not frozen.
+    number of damaged depth images. This number changes while frames are read, so the class is not frozen.
     """
 
     path: Path
@@ -187,7 +187,8 @@ class AzureKinectFile:
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
+        """Yield the depth images in the order of time; only the present image is in memory. Damaged images are left
+        out, and a note states their number.
 
         Raises InputError if the file has no depth image that can be read, or if reading the file fails.
         """
@@ -204,8 +205,8 @@ class AzureKinectFile:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
     def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes. Packets with a damaged time are left out: with a time
-        that is later than the next packet's, or not later than the previous packet's.
+        """Yield the packets that hold an image of ``size`` bytes. A packet with a damaged time is left out: its time is
+        not earlier than the next packet's, or not later than the previous packet's.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.
@@ -297,7 +298,8 @@ def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None
 
 
 def _start_us(container: InputContainer) -> tuple[int, str]:
-    """Return the device's time at the file's time 0, microseconds, and a note if the file does not state it.
+    """Return the time in microseconds that the device's clock showed at the file's time 0, and an empty text. If the
+    file does not state this time, return 0 and a note.
 
     The recorder subtracts this time from all time stamps, and the SDK's player adds it again. The tag
     K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.

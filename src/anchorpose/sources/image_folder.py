@@ -45,8 +45,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import Reader, SourceCamera, json_object, require_counted
 
-# Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
-# exceeds the maximum ``FARTHEST_M``.
+# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit is
+# millimetres, the median exceeds the maximum, ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -173,9 +173,9 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
-    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``, and not
-    ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in their names, or with their positions if
-    numbers are missing or repeated, and False.
+    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>`` with the
+    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return False, and the images with the
+    numbers in their names, or with their positions if numbers are missing or repeated.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -191,8 +191,9 @@ def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
 
 
 def _are_clock_times(micros: Sequence[int]) -> bool:
-    """Return whether the last twelve digits of all numbers can be hours, minutes, seconds and microseconds, and if read
-    so, give other intervals than as microseconds. Within a minute, both readings give the same intervals.
+    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is the case if the
+    last twelve digits of every number can be a time of day, and if these times have other intervals than the numbers as
+    microseconds. Within a minute, both interpretations give the same intervals, and the result is False.
     """
     shifts = set[int]()
     for micro in micros:

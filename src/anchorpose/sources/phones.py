@@ -168,7 +168,7 @@ def _open_record3d(path: Path) -> ImageFiles:
         has_times=timed,
     )
     files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
-    archive = zipfile.ZipFile(path)  # closed when the source is closed
+    archive = zipfile.ZipFile(path)  # stays open for ``_decode``; Python closes the file when the source is deleted
     notes = movement_note(_positions(values))
     return ImageFiles(path, camera, files, notes, lambda position: _decode(archive, names[position], camera))
 
@@ -237,7 +237,7 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
     try:
         data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packed data can be some bytes larger
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damage (a negative position)
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damaged, with a negative position
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

@@ -226,7 +226,8 @@ OTHERS_OWN: Final = (
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
     """Return a description and a workaround for a file that only the vendor's software reads; None for other files.
 
-    Of a ZED camera, an .svo2 file is an MCAP file that states its writer; an .svo file is recognised only by its name.
+    A ZED camera's .svo2 file is an MCAP file that states its writer at the beginning; a ZED camera's .svo file is
+    recognised only by its name.
     """
     named = path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
     is_mcap = head.startswith(b"\x89MCAP0\r\n")
