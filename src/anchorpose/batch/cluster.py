@@ -75,7 +75,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # before ``dask.config.set``, whose end would drop the defaults that the import sets
+    import distributed  # not within ``dask.config.set``, which at its end drops the defaults that this import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; a job's outcome states why it failed
@@ -113,7 +113,7 @@ def _local(workers: int) -> Any:
         processes=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
-        memory_limit=0,  # no limit, since the data are in the worker's child processes
+        memory_limit=0,  # no limit on a worker's memory, since the data are in its child processes
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )

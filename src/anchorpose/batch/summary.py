@@ -1,6 +1,7 @@
-"""Find the state of each session of a batch, and write the tables (sessions and measures, as parquet and CSV), with the
-outcome and the measures of every session, and the page index.html. A session is done if the identity that its results
-state is the identity that a new run would have.
+"""Find the state of each session of a batch, and write two tables and the page index.html. The table of sessions has
+the outcome of every session, the table of measures its measures; both are written as parquet and as CSV. A session is
+done if the identity that its results state (a hash of inputs, settings, code and libraries) is the identity that a new
+run would have.
 """
 
 from __future__ import annotations
@@ -133,7 +134,9 @@ def done_identity(results: Path) -> str | None:
 
 
 def identity_of(session: Session, recording: Path, known: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the identity that a new run would have. known: hashes of files of the recording that are not read."""
+    """Return the identity that a new run would have. known: hashes by file name, for files of the recording that need
+    not be read again.
+    """
     from anchorpose.track_inputs import UserInputs, read_inputs
 
     options = session.options

@@ -24,9 +24,9 @@ EDF_REMEDY: Final = "export it again as continuous EDF or EDF+"
 def read_xdf(path: Path) -> OtherFile:
     """Read the streams of an XDF file, as LabRecorder writes them, on the clock of the recording computer.
 
-    Streams of numbers are read as signals, and streams of events as markers: streams of texts, or of numbers without a
-    regular rate. Times are corrected by the clock offsets that the file has. Raises InputError if the file is not XDF
-    or is empty, MissingPackage if pyxdf is missing.
+    Each stream of numbers is read as signals. Each stream of events is read as markers: a stream of texts, or of
+    numbers without a regular rate (which is then read both ways). Times are corrected by the clock offsets that the
+    file has. Raises InputError if the file is not XDF or is empty, MissingPackage if pyxdf is missing.
     """
     try:
         import pyxdf

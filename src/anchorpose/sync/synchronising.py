@@ -144,8 +144,8 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_pulses(other: OtherFile, name: str) -> tuple[Pulses, ...]:
-    """Return the possible readings of the pulses in the stream of markers or the signal ``name``; raises InputError if
-    the file has neither.
+    """Return the pulses in the stream of markers or the signal ``name``, for a signal in both readings
+    (``pulses_of_signal``); raises InputError if the file has neither.
     """
     markers = [each for each in other.markers if each.name == name]
     if markers:
