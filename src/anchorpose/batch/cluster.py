@@ -30,7 +30,7 @@ SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
 # Maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
-# it is probably the cause, for example because it needs too much memory.
+# the job is probably the cause, for example because it needs too much memory.
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -174,7 +174,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
     """Run the jobs and yield their outcomes. The number of submitted jobs is at most the number of the workers'
-    threads, since the death of a worker counts as a failure of every job that waits on it.
+    threads, since the death of a worker counts as a failure of every job that waits on this worker.
 
     A future is released once its outcome is known. The scheduler then forgets the job, and does not repeat it if its
     worker dies later.

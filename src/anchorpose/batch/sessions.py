@@ -63,7 +63,7 @@ class Session:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Return the names of the folders above the recording, then of the recording."""
+        """Return the names of all folders above the recording, then the recording's own name."""
         if isinstance(self.recording, str):
             return parts_of(self.recording)
         path = self.recording.resolve()

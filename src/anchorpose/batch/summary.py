@@ -88,7 +88,9 @@ _TYPES: Final = {"str": _TEXT, "int": pa.int64(), "float": pa.float64()}
 
 
 def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any]:
-    """Return a table with a column for each field of the dataclass ``record``. known: by column, the allowed texts."""
+    """Return a table with a column for each field of the dataclass ``record``. known: the allowed texts of some
+    columns, by the name of the column.
+    """
     columns = [(field.name, _TYPES[str(field.type).partition(" ")[0]]) for field in fields(record)]
     return RecordTable(file=file, record=record, schema=pa.schema(columns), known=known, remedy=AGAIN)
 
@@ -230,8 +232,8 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session, without measures about a single other person; empty if the session was not
-    measured.
+    """Return the measures of a session, without measures that concern a single other person; empty if the session was
+    not measured.
     """
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()

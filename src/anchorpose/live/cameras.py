@@ -120,7 +120,8 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 def _taken(depth: Any) -> float:
     """Return the time at which an image was taken, by ``time.monotonic``. Return the present time instead if the
-    image's time is not on the computer's clock, or if the image would be older than 1 s or from the future.
+    image's time is not on the computer's clock, or if by this time the image would be older than 1 s or lie in the
+    future.
     """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:

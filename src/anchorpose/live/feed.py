@@ -97,8 +97,8 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Return sentences on the failures so far, and on the number of images that could not be recorded for each
-        reason.
+        """Return a sentence on each failure so far and, for each reason why images could not be recorded, a sentence
+        with the number of these images.
         """
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
@@ -209,9 +209,9 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    The reference camera is the first camera in use that is not silent; the time of its image is the time of the set. A
-    set is complete when every camera in use that is not silent has delivered an image of the set's time or later, or
-    when that time is longer ago than the usual interval between images.
+    The reference camera is the first camera in use that is not silent (``SILENT_S``); the time of its image is the time
+    of the set. A set is complete when every camera in use that is not silent has delivered an image of the set's time
+    or later, or when that time is longer ago than the usual interval between images.
     """
 
     def __init__(self, count: int) -> None:
@@ -307,7 +307,8 @@ class Feed:
                 )
                 place = self._used.index(reference)
                 return LiveSet(images, place, main.taken_s, self._skipped(place, main))
-            if age_s < half_s:  # the other cameras' images may still come, up to half an interval late
+            # the feed waits: images of the other cameras that belong to this set may come up to half an interval later
+            if age_s < half_s:
                 return None
         return None
 

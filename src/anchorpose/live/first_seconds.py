@@ -224,7 +224,8 @@ def in_room(folder: Path, room: Room) -> Recording:
 STEP_S: Final = 0.2
 # s, maximum gap between tracked frames, since after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
+# minimum speed at which collected sets are tracked, as a multiple of real time; above 1, the backlog shrinks
+PACE: Final = 2.0
 PATIENCE_S: Final = 0.5
 
 
@@ -248,7 +249,7 @@ class Backlog:
         If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
         shrinks. A step is then computed: ``PACE`` times the time for which the previous set was tracked, but at most
         ``MOST_STEP_S``. The next set is the first that is later than the previous set by this step, or the newest set
-        if none is so late.
+        if no set is so late.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

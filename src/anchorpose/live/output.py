@@ -82,7 +82,7 @@ class LiveFrame:
 
     @property
     def joint_table(self) -> JointTable:
-        """Return a table of this frame only."""
+        """Return the joints of this frame as a table with this frame only."""
         return JointTable(
             frame=np.array([self.frame], np.int32),
             time_s=np.array([self.time_s]),
@@ -168,7 +168,7 @@ class LslOutput:
         self._angles = self._outlet(pylsl, "anchorpose-angles", "Angles", ANGLE_NAMES, ANGLE_PARTS)
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame, see ``Output``."""
+        """Send a frame as a sample of each stream (see ``Output.send``)."""
         stamp = self._clock() - (time.monotonic() - frame.taken_s)
         joints = np.column_stack([frame.joints_m, frame.sigma_m, frame.state_code]).astype(np.float32)
         self._joints.push_sample(joints.ravel().tolist(), stamp)
@@ -203,9 +203,9 @@ class LslOutput:
 
 
 class OscOutput:
-    """OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres;
-    /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a value,
-    has only its name and state.
+    """An output that sends OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in
+    metres; /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a
+    value, has only its name and state.
     """
 
     def __init__(self, host: str, port: int) -> None:

@@ -32,10 +32,11 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The patient's posture and load in one frame. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``; upright_s:
-    total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma: its standard deviation;
-    both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether any joint that determines
-    ``upright`` was not seen; load_inferred: whether any joint that determines the load was not seen.
+    """The patient's posture and the load on the feet in one frame. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or
+    ``UNKNOWN``; upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma:
+    its standard deviation; both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether
+    any joint that determines ``upright`` was not seen; load_inferred: whether any joint that determines the load was
+    not seen.
     """
 
     upright: int
@@ -60,7 +61,7 @@ class UprightClock:
         self._upright, self._upright_s, self._last_s = UNKNOWN, 0.0, float("-inf")
 
     def push(self, joints: JointTable) -> Standing:
-        """Add the joints of one frame, and return the state of standing after this frame."""
+        """Add the joints of one frame; return posture, upright time and load on the feet after this frame."""
         body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
         shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)

@@ -106,8 +106,8 @@ def _record_empty_room(
 
 
 def median_reading(grey: np.ndarray) -> np.ndarray:
-    """Return each pixel's median (height, width) uint16 of its readings in the images (n, height, width) uint16; 0
-    where most of the images have no reading.
+    """Return the median (height, width) uint16 of images (n, height, width) uint16. Each pixel has the median of its
+    readings, or 0 if most of the images have no reading there.
     """
     ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
     empty = (grey == 0).sum(axis=0)

@@ -38,8 +38,8 @@ IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
 # s, time between two flushes of all files to the disk, and so the duration that a power cut can erase
 SYNC_S: Final = 1.0
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
-# s, minimum change of a camera clock's offset from one image to the next that counts as a clock that was set; images
-# come 0.03 s apart
+# s, minimum change of a camera clock's offset between two images that is noted as a setting of this clock; images come
+# 0.03 s apart
 CLOCK_STEP_S: Final = 0.1
 # number of newest images from which a camera clock's offset is computed; the disk may stall for 3 s, and so many
 # successive images then come late
@@ -220,7 +220,8 @@ class Recorder:
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
-    """Return the entry of recording.json about the start. taken_s: time of the first image, by ``time.monotonic``.
+    """Return the entry of recording.json about the recording's start. taken_s: time of the first image, by
+    ``time.monotonic``.
 
     The time on the clock of the Lab Streaming Layer is left out if pylsl is not installed.
     """
@@ -256,8 +257,9 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove the images of a camera whose row in timestamps.csv was not written before the recorder was cut off; return
-    whether the camera has complete images. Files with names that differ from an image name belong to the user and stay.
+    """Remove each image of a camera that has no row in timestamps.csv, because the recorder was cut off before it wrote
+    the row; return whether the camera has complete images. Files that are not named like images belong to the user and
+    stay.
     """
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")

@@ -139,7 +139,7 @@ class SessionStore:
         return LivePatient(number, prepared, Blocks(journal, TrackedFrame))
 
     def end_early(self, why: str) -> None:
-        """Note why the session ended early, if a patient is stored and the disk has space."""
+        """Store why the session ended early, if a patient is stored and the disk has space."""
         if self._session.patients:
             with suppress(OSError):
                 self._write(replace(self._session, ended=why))

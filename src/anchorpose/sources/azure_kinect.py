@@ -2,9 +2,9 @@
 cameras.
 
 The file's layout is defined by the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK,
-MIT, ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the
-attachment ``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The
-lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
+MIT, ``src/record``): it is a Matroska file. Its track DEPTH has uncompressed, big-endian images in millimetres, its
+attachment ``calibration.json`` has the lens, and its tags describe the device. Tracks of colour and infrared are never
+decoded. The lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
 ``src/transformation/mode_specific_calibration.c`` (cropping, binning and the shift by half a pixel) and
 ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
 (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has these files unchanged.
@@ -67,16 +67,16 @@ MODES: Final = (
     DepthMode("WFOV_2X2BINNED", 512, 512, 2, 0, 0),
     DepthMode("WFOV_UNBINNED", 1024, 1024, 1, 0, 0),
 )
-"""All modes with a depth image; no two have the same image size."""
+"""All modes with a depth image; no two modes have the same image size."""
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """Return the mode whose images have this size; None if no mode has it."""
+    """Return the mode whose images have this size in pixels; None if no mode has this size."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
-    """Return the depth camera's lens in the pixels of a mode.
+    """Return the depth camera's lens, in pixels of the images of ``mode``.
 
     calibration: the text of ``calibration.json``. Raises ValueError with the problem, as the end of a sentence that
     begins with the file's name.
@@ -319,7 +319,8 @@ def _is_whole(path: Path) -> bool:
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): its leading zero bits state how many bytes a length has
+    # EBML (RFC 8794): the leading zero bits of a length's first byte state how many bytes the length has
+    width = 9 - head[start].bit_length()
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

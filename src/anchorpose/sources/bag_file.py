@@ -30,7 +30,7 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 # Maximum size of an unpacked message in bytes, a hundred times the usual size. Larger sizes are refused, since a
 # damaged file may state any size.
 _LARGEST_BYTES: Final = 1 << 30
-_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # field "op" of each kind of record in ROS 1
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # value of the field "op" in each kind of record of ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 

@@ -28,7 +28,7 @@ Size = tuple[int, int]
 # m. At such distances, depth cameras measure in steps coarser than the scale.
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
-_SPARE: Final = 1.25  # maximum ratio of later images' readings to the largest reading of the first image
+_SPARE: Final = 1.25  # assumed maximum ratio of the readings in later images to the largest reading in the first image
 GREY_M: Final = _SCALES[0]
 """Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. This scale
 represents readings of up to 16.4 m, and rounds them by at most an eighth of a millimetre.
@@ -83,8 +83,8 @@ class ImageFiles:
         return self._files[0].path == self._files[-1].path
 
     def frames(self, first: int = 0) -> Iterator[SourceFrame]:
-        """Yield the depth images in order, from the position ``first`` on. Raises InputError if a file with all images
-        ends before the last image.
+        """Yield the depth images in order, from the position ``first`` on. Raises InputError if all images are in one
+        file and this file ends before the last image.
         """
         for position, file in islice(enumerate(self._files), first, None):
             grey, problem = self._read(position)

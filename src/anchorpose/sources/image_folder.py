@@ -78,7 +78,8 @@ def _open_array(path: Path) -> ImageFiles:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    # the header may state too many images: reading one more than the file has room for reports that its end is missing
+    # If the header states too many images, the array gets one image more than the file has room for. Reading this last
+    # image then reports that the end of the file is missing.
     most = path.stat().st_size // max(1, math.prod(shape[1:]) * kind.itemsize) + 1
     return image_array(path, (min(shape[0], most), *shape[1:]), kind, _reader(path, start, shape[1:], kind))
 
@@ -222,9 +223,9 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def with_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> Sequence[FrameFile]:
-    """Return the files with the times that the sidecar ``given`` states in place of their numbers; unchanged if it has
-    neither times nor a rate. Raises InputError if the sidecar does not have one time per file, or has a rate for
-    numbers that do not count the images.
+    """Return the files with the times that the sidecar ``given`` states in place of their numbers; unchanged if the
+    sidecar has neither times nor a rate. Raises InputError if the sidecar does not have one time per file, or if it has
+    a rate although the files' numbers do not count the images.
     """
     if given.times_s is not None:
         if len(given.times_s) != len(files):
@@ -242,7 +243,7 @@ def _images(path: Path) -> list[Path]:
 
 
 def _is_raw_dump(path: Path, head: bytes) -> bool:
-    """Return whether a sidecar is beside the file ``path``, or in the folder ``path`` of raw files."""
+    """Return whether ``path`` is a file with a sidecar beside it, or a folder of raw files with a sidecar in it."""
     sidecar = _sidecar(path)
     values = None if sidecar == path else json_object(sidecar)
     described = values is not None and values.get("format") == "depth-sidecar"

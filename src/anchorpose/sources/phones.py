@@ -235,9 +235,11 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packed data can be some bytes larger
+        # packed data can be some bytes larger than the image
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damaged, with a negative position
+        # EINVAL means that the zip file is damaged and states a negative position
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

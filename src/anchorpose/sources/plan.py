@@ -26,7 +26,7 @@ from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read
 from anchorpose.sources.source import Source, SourceCamera, require_counted
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
-"""Number of clockwise quarter turns of the image, by degrees."""
+"""Number of clockwise quarter turns of the image, by the angle in degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

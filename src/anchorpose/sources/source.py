@@ -33,7 +33,9 @@ MODULES: Final = (
     "mat_file",
     "image_folder",  # tried last: folders of most other formats hold images too, so this reader would match them
 )
-"""Modules of this package with ``READERS``, in the order in which they are tried. Each is imported when it is tried."""
+"""Modules of this package with ``READERS``, in the order in which they are tried. Each module is imported when it is
+tried.
+"""
 
 HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a file by which its format is recognised
 
@@ -62,8 +64,9 @@ class SourceCamera:
 
 
 def require_counted(path: Path, step: float) -> None:
-    """Raise InputError if images cannot be timed by their rate, since their numbers do not count them: the median
-    difference between the numbers of successive images, ``step``, is not 1. Such numbers may be milliseconds.
+    """Raise InputError if the times of images cannot be computed from their numbers and their rate, since the numbers
+    do not count the images: the median difference between the numbers of successive images, ``step``, is not 1. Such
+    numbers may be milliseconds.
     """
     if step != 1.0:
         problem = f"the numbers of successive images differ by {step:g}, so images per second do not give times"

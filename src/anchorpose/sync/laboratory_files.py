@@ -51,9 +51,9 @@ def read_xdf(path: Path) -> OtherFile:
 
 
 def read_edf(path: Path) -> OtherFile:
-    """Read a file in EDF, EDF+ or BDF, in seconds since its start: the signals with their labels, as one stream per
-    sampling rate, and annotations as markers named by their texts. Raises InputError if the file is not EDF,
-    MissingPackage if pyedflib is missing.
+    """Read a file in EDF, EDF+ or BDF, with times in seconds since its start. Signals keep their labels; all signals
+    with the same sampling rate and number of samples become a stream; annotations become markers that are named by
+    their texts. Raises InputError if the file is not EDF, MissingPackage if pyedflib is missing.
     """
     try:
         import pyedflib

@@ -101,7 +101,9 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values less their mean, 0 in rows with a NaN; and (n,): 0.0 for these rows, 1.0 for other rows."""
+    """Return the values less their mean, 0 in rows with a NaN; and an array (n,): 0.0 for these rows, 1.0 for other
+    rows.
+    """
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)

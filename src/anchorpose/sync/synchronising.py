@@ -78,8 +78,8 @@ def read_other(path: Path, time_column: str | None = None) -> OtherFile:
 
 
 def _way(settings: SyncSettings) -> str:
-    """Return the option that selects the comparison; raises AnchorposeError unless exactly one such option is given,
-    with all other options that it needs.
+    """Return the name of the option that selects how the clocks are compared; raises AnchorposeError unless exactly one
+    such option is given, with all other options that it needs.
     """
     given = [way for way in WAYS if getattr(settings, way)]
     if len(given) != 1:
