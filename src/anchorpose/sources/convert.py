@@ -288,9 +288,7 @@ def _json(document: dict[str, Any]) -> str:
 
 
 class FoundRecording(NamedTuple):
-    """The recording to use for a path that a user gave. ready: whether the recording exists already; False if the path
-    must be converted first.
-    """
+    """The recording to use for a path that a user gave. ready: False if the path must be converted first, else True."""
 
     recording: Path
     ready: bool

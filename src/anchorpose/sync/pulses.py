@@ -219,7 +219,7 @@ def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2
-    for _ in range(ROUNDS):  # the first round assumes sigma, later rounds compute it
+    for _ in range(ROUNDS):  # the first round uses an assumed sigma
         information = float((since_s**2).sum()) / sigma_s**2 + DRIFT_SIGMA**-2
         drift = float((since_s * (ahead_s - offset_s)).sum()) / sigma_s**2 / information
         left_s = ahead_s - offset_s - drift * since_s
