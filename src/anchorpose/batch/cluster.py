@@ -75,7 +75,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # not within ``dask.config.set``, which at its end drops the defaults that this import sets
+    import distributed  # not within ``dask.config.set``, whose end would drop the defaults that this import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; a job's outcome states why it failed

@@ -1,7 +1,7 @@
 """Find the state of each session of a batch, and write two tables and the page index.html. The table of sessions has
-the outcome of every session, the table of measures its measures; both are written as parquet and as CSV. A session is
-done if the identity that its results state (a hash of inputs, settings, code and libraries) is the identity that a new
-run would have.
+the outcome of every session, and the table of measures has the measures of every session that is done; both are written
+as parquet and as CSV. A session is done if the identity that its results state (a hash of inputs, settings, code and
+libraries) is the identity that a new run would have.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ def done_identity(results: Path) -> str | None:
 
 
 def identity_of(session: Session, recording: Path, known: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the identity that a new run would have. known: hashes by file name, for files of the recording that need
-    not be read again.
+    """Return the identity that a new run would have. known: SHA-256 by path within ``recording``, for files that
+    need not be read again.
     """
     from anchorpose.track_inputs import UserInputs, read_inputs
 

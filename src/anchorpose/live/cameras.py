@@ -70,7 +70,7 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``. Raises MissingPackage if pyrealsense2 or the system's libusb is missing, AnchorposeError
-    if the camera cannot be started, for example because it does not exist.
+    if the camera cannot be started, for example because it does not exist, or if its lens model is unknown.
     """
     try:
         import pyrealsense2 as rs
@@ -120,8 +120,7 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 def _taken(depth: Any) -> float:
     """Return the time at which an image was taken, by ``time.monotonic``. Return the present time instead if the
-    image's time is not on the computer's clock, or if by this time the image would be older than 1 s or lie in the
-    future.
+    time stamp is not on the computer's clock, or if it is 1 s old or older, or in the future.
     """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
@@ -204,8 +203,8 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
-    Raises AnchorposeError if no such camera is found, if the Python of the process has no pyorbbecsdk2, or if the first
-    line that the process writes is not the JSON description of the camera.
+    Raises AnchorposeError if the process ends before the first image, for example because no such camera is found or
+    its Python has no pyorbbecsdk2, or if the first line that the process writes is not a JSON object.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
@@ -227,8 +226,8 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
 
 
 def _found(line: bytes, process: subprocess.Popen[bytes], errors: IO[bytes]) -> dict[str, Any]:
-    """Return the description of the camera from the first line that the process wrote. If this line is not JSON, end
-    the process and raise AnchorposeError.
+    """Return the description of the camera from the first line that the process wrote. If this line is not a JSON
+    object, end the process and raise AnchorposeError.
     """
     try:
         return dict(json.loads(line))
@@ -296,7 +295,7 @@ class Playback:
         )
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images until ``stop`` is set, as ``LiveSource.images`` requires."""
+        """Yield images until the recording ends or ``stop`` is set, as ``LiveSource.images`` requires."""
         first_s, began_s = self._order[0][0], time.monotonic()
         for when, camera, place in self._order:
             due_s = began_s + when - first_s

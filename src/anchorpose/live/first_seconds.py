@@ -231,7 +231,7 @@ PATIENCE_S: Final = 0.5
 
 class Backlog:
     """A thread that collects the image sets that arrive while the first seconds are analysed. The thread ends when
-    every collected set was taken.
+    every collected set has been taken, when ``drop`` is called, or when the feed ends.
     """
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
@@ -246,10 +246,9 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set. When no set waits, return None and stop collecting.
 
-        If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
-        shrinks. A step is then computed: ``PACE`` times the time for which the previous set was tracked, but at most
-        ``MOST_STEP_S``. The next set is the first that is later than the previous set by this step, or the newest set
-        if no set is so late.
+        If tracking is slow, some sets are left out so that the backlog shrinks: the next set is the first that is later
+        than the previous set by at least a certain step, or the newest set if no set is so late. The step is ``PACE``
+        times the time since the previous set was returned (in which it was tracked), but at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

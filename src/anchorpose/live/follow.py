@@ -27,7 +27,7 @@ LONGEST_MS: Final = 60_000  # ms, maximum latency that is counted; larger latenc
 
 
 class LatencyMeter:
-    """A meter of the latency from taking an image to computing its joints. It counts how many frames have each latency
+    """A meter of the latency from taking an image to sending its joints. It counts how many frames have each latency
     in whole milliseconds, so its memory does not grow with the session. dropped: number of images that were not
     tracked.
     """
@@ -95,8 +95,8 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track an image set. live: whether this set is the newest; only then are its joints sent to the outputs and
-        its latency counted.
+        """Track an image set. live: whether this set is the newest; only then are joints sent to the outputs and their
+        latency counted.
         """
         room = self.patient.run.room
         frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)

@@ -109,7 +109,7 @@ class MarkerInlet:
 
     def __init__(self, name: str) -> None:
         """Find the stream called ``name``. Raises MissingPackage if pylsl is missing, AnchorposeError if no such stream
-        of texts is found within ``FIND_S`` seconds.
+        of texts is found within ``FIND_S`` seconds, or if ``name`` contains a quote (').
         """
         try:
             import pylsl

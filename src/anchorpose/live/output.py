@@ -29,9 +29,9 @@ TOP: Final = 0.98
 
 @dataclass(frozen=True, slots=True)
 class PersonInView:
-    """A person in view who is not the patient. number: begins with 1 and stays the same while the person is followed;
-    place_xz_m: x and z of the person's place on the floor, in the world frame; top_m: height (y) of the top of the
-    head.
+    """A person in view who is not the patient. number: number of the person, counted from 1; it stays the same while
+    the person is followed; place_xz_m: x and z of the person's place on the floor, in the world frame; top_m: height
+    (y) of the top of the head.
     """
 
     number: int
@@ -56,10 +56,11 @@ class LiveFrame:
     frame: number of the frame; time_s: its time on the first camera's clock; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
     ``JointState``. why_lost: the reason if all joints are lost, else empty. touched: parts of the patient (``REGIONS``)
-    that other people touched in the previous frame; the value of each part states whether a camera saw the contact.
-    None if contacts are unknown. dropped: number of images that were not tracked since live tracking began. people: all
-    other people in view; patient: number of the patient, which begins with 1 and increases by 1 whenever another person
-    becomes the patient. holding: parts of the patient that touch the equipment, in the form of ``touched``.
+    that other people touched in the previous frame; the value of each part states whether a camera saw the contact;
+    ``touched`` is None if contacts are unknown. dropped: number of images that were not tracked since live tracking
+    began. people: all other people in view; patient: number of the patient, which begins with 1 and increases by 1
+    whenever another person becomes the patient. holding: parts of the patient that touch the equipment, in the form of
+    ``touched``.
     """
 
     frame: int

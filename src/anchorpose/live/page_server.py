@@ -49,7 +49,7 @@ class Standing:
 
 class UprightClock:
     """A clock that sums the time for which the patient stands upright. It takes frames in the order of time, and
-    defines upright as ``anchorpose measure`` does, but without use of later frames.
+    defines upright as ``anchorpose measure`` does, but without using later frames.
 
     The leg length that this definition needs is taken from the joints of each frame. The time between two upright
     frames counts if they are at most half a second apart; in a longer gap, the patient might have sat down and stood

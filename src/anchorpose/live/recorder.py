@@ -35,14 +35,14 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-# s, time between two flushes of all files to the disk, and so the duration that a power cut can erase
+# s, time between two flushes of new images and their times to the disk; a power cut can erase about this duration
 SYNC_S: Final = 1.0
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
 # s, minimum change of a camera clock's offset between two images that is noted as a setting of this clock; images come
 # 0.03 s apart
 CLOCK_STEP_S: Final = 0.1
-# number of newest images from which a camera clock's offset is computed; the disk may stall for 3 s, and so many
-# successive images then come late
+# number of newest images from which a camera clock's offset is computed; the disk may stall for 3 s, and up to this
+# many successive images then come late
 LATE_IMAGES: Final = 100
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
@@ -116,7 +116,7 @@ class Recorder:
 
     def _write(self, image: LiveImage, step_s: float) -> Path | None:
         """Write an image as ``CameraWriter`` does; if its camera restarted, or if the camera's clock was set by
-        ``step_s``, also write a note. A step is noted only if it is larger than all steps noted before.
+        ``step_s``, also write a note. A step is noted only if it is larger than all steps of this clock noted before.
         """
         writer = self._writers[image.camera]
         restarts = writer.restarts
@@ -257,9 +257,9 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove each image of a camera that has no row in timestamps.csv, because the recorder was cut off before it wrote
-    the row; return whether the camera has complete images. Files that are not named like images belong to the user and
-    stay.
+    """Remove the images of a camera that are not complete because the recorder was cut off: images without a row in
+    timestamps.csv, and damaged images at the end of its rows. Return whether the camera has complete images. Files that
+    are not named like images belong to the user and stay.
     """
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")

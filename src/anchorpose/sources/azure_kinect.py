@@ -187,8 +187,8 @@ class AzureKinectFile:
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images in the order of time; only the present image is in memory. Damaged images are left
-        out, and a note states their number.
+        """Yield the depth images in the order of time; only a few images are in memory at once. Damaged images are
+        left out, and a note states their number.
 
         Raises InputError if the file has no depth image that can be read, or if reading the file fails.
         """
@@ -205,8 +205,10 @@ class AzureKinectFile:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
     def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes. A packet with a damaged time is left out: its time is
-        not earlier than the next packet's, or not later than the previous packet's.
+        """Yield the packets that hold an image of ``size`` bytes. A packet without a time is left out. If the time of a
+        packet is not later than the time of the previous packet, one of the two counts as damaged and is left out: this
+        packet if its time is also not later than the time of the last packet before the two, otherwise the previous
+        packet.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.

@@ -35,7 +35,7 @@ _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 class DamagedBag(Exception):
-    """The error for bytes that contradict the format. Its message completes a sentence that begins with "the file is
+    """The error for bytes that contradict the format. Its message completes a sentence that begins with "the bag is
     damaged: ".
     """
 

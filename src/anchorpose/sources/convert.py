@@ -68,7 +68,7 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether two documents conversion.json identify the same conversion: they state the same version of the
+    """Return whether two conversion.json documents identify the same conversion: they state the same version of the
     program, the same options, and inputs with the same content. The inputs may have been renamed.
     """
 
@@ -222,10 +222,11 @@ def _write_images(
     for source, cameras in zip(sources, plan.cameras, strict=True):
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
-            # images up to the last image that the stopped conversion wrote
+            # per camera, the number of images up to the last image that the stopped conversion wrote
             to_skip = [writer.given for writer in writers]
             frames = source.frames()
-            # other sources do not yield damaged images, so the number of images to skip is not a position in them
+            # Such a source can begin at a position. Other sources do not yield damaged images, so in them the number of
+            # images to skip is not a position; their images are read and skipped.
             if isinstance(source, ImageFiles) and source.in_one_file:
                 frames, done, to_skip = source.frames(to_skip[0]), done + to_skip[0], [0]
             progress(done, total)

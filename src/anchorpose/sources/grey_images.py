@@ -84,7 +84,7 @@ class ImageFiles:
 
     def frames(self, first: int = 0) -> Iterator[SourceFrame]:
         """Yield the depth images in order, from the position ``first`` on. Raises InputError if all images are in one
-        file and this file ends before the last image.
+        file and this file ends before the last image is complete.
         """
         for position, file in islice(enumerate(self._files), first, None):
             grey, problem = self._read(position)

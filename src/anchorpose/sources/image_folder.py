@@ -175,8 +175,8 @@ def _open_images(path: Path) -> ImageFiles:
 
 def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
     """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>`` with the
-    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return False, and the images with the
-    numbers in their names, or with their positions if numbers are missing or repeated.
+    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in
+    their names, or with their positions if numbers are missing or repeated; and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]

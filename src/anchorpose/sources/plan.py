@@ -31,9 +31,9 @@ QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera of the recording to be written; its images are upright after the turn that the user gave. model and
-    serial: empty if unknown; fps: images per second, None if the images have times; count: number of images, None if
-    unknown.
+    """A camera of the recording to be written. camera: describes the images as written, upright after the turn that
+    the user gave, if any; model and serial: empty if unknown; fps: images per second, None if the images have times;
+    count: number of images, None if unknown.
     """
 
     camera: Camera
