@@ -3,9 +3,10 @@
 A limb or patient that is found again was often in view in earlier frames already, but not at the predicted place. So
 the patient is tracked back from the frame in which the limb or patient was found again. Tracking back ends when both
 directions agree, or when it shows no more of the body than the pass did. Each frame is then taken from the direction
-that has more joints at places where cameras see the body. But if cameras see a trunk at the place of each direction in
-one frame, and the places differ, the trunks belong to two people. The pass has followed the patient from the initial
-frame, so the person who was found again is not the patient. No frame is then replaced.
+that has more joints at places where cameras see the body. After a loss of the patient, however, the two directions may
+follow two people. This is the case if the two trunks are at different places in most of the frames in which cameras see
+both trunks. The pass has followed the patient from the initial frame, so the person who was found again is then not the
+patient, and no frame is replaced.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ AGREEING: Final = 3  # tracking back stops after this many successive frames in 
 IN_VAIN: Final = 10
 ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb counts as found again
 TRUNK: Final = JOINT_INDEX["SpineMid"]
-# frames between two attempts to track back; an attempt that changes no frame doubles the pause, up to LONGEST_PAUSE
+# first and largest number of frames between two attempts to track back; an attempt that changes no frame doubles it
 FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
 

@@ -70,8 +70,8 @@ class Route:
 
     def stretches(self) -> tuple[Stretch, ...]:
         """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two
-        further stretches begin at the frames that show the patient best. These frames are over a minute away from the
-        initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
+        further stretches begin at the frames that show the patient best. These frames are more than a minute away from
+        the initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -145,7 +145,9 @@ class _PassState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """The passes over both sides of the initial frame (earlier, later frames); each has a folder in the journal."""
+    """The passes over both sides of the initial frame (earlier and later frames); each pass has a folder in the
+    journal.
+    """
 
     route: Route
     run: Run

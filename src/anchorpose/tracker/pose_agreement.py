@@ -1,5 +1,5 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
-other shows.
+other camera shows, which means that it reads something farther away.
 
 Objects may hide a surface from a camera, but a camera reads something behind a surface only if a camera pose is wrong.
 The room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. A pose that is
@@ -40,7 +40,8 @@ LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; wit
 POINTS: Final = 20000  # number of points of one camera's room that are compared
 POINTS_OF_PEOPLE: Final = 3000  # number of points on the people in one camera's frame that are compared
 FRAMES: Final = 8  # maximum number of frames in which people are compared
-# m; poses are doubted if the surfaces seen by both cameras are farther apart than this; correct poses: at most 0.009
+# m; camera poses are doubted if the surfaces seen by both cameras are farther apart than this. With correct poses, the
+# surfaces are at most 0.009 m apart
 OFF_M: Final = 0.015
 # m; the recording is refused if the surfaces seen by both cameras are farther apart than this: each of the two poses is
 # then wrong by about 10 cm
@@ -124,8 +125,9 @@ def seen_past(
     """Return, for each pair of cameras, the shares of surfaces that one of them sees past (reads something farther
     away). moments: for each moment, the pixels of people in each camera; None for a camera without a frame.
 
-    clocks_known: whether both cameras' frames of a moment were taken at the same time. If not, a camera sees past a
-    person only if it does so at all moments, because people stay in the room while one of them may have moved on.
+    clocks_known: whether both cameras' frames of a moment were taken at the same time. If not, a point on a person
+    counts as seen past only if the other camera sees past it at all moments, since the other camera's frame may have
+    been taken before or after the person was at this point.
     """
     pairs = combinations(range(len(scenes)), 2)
     return [_of_pair(one, other, scenes, moments, clocks_known) for one, other in pairs]

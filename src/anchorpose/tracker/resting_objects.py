@@ -27,12 +27,13 @@ from anchorpose.recording.recording import FrameSet
 LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
-# minimum of two shares. The first is the share at rest of the connected foreground that contains an object. The second
-# is the share of the object's pixels that came to rest only after the first samples
+# 0 to 1, minimum that each of two shares must reach. The first share is the part at rest of the connected foreground
+# that contains an object. The second share is the part of the object's pixels that came to rest only after the first
+# samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
-# percentile of the share at rest over the sampled frames (``_whole_share``). It lets people touch the object in two
-# thirds of the frames
+# percentile of the share at rest over the sampled frames (``_whole_share``). With this percentile, people may touch the
+# object in two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 

@@ -44,8 +44,8 @@ SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
-# m/s per square root of a second; a hand that starts to reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) =
-# 2
+# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. A hand that starts to
+# reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
 ACCELERATION: Final = 2.0
 
 
@@ -129,7 +129,7 @@ def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassCourse:
-    """All frames of one pass, or of both passes combined, without poses and labels."""
+    """The joints of all frames of one pass, or of both passes combined, as arrays; poses and labels are left out."""
 
     joints_m: np.ndarray  # (t, 21, 3) m, places of the joints in each frame
     sigma_m: np.ndarray  # (t, 21) m, standard deviation of each joint's position; NaN for lost joints
@@ -160,9 +160,9 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
     """Combine and smooth the frames (t,) of two passes. there: the first pass; back: the second pass, in the order of
     the first.
 
-    held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs; they stay in place and do not
-    affect other frames. Frames in which both passes lost the patient stay lost; joints are smoothed over each stretch
-    between such frames.
+    held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs. These joints stay in place, and
+    they hardly affect other frames, since ``lost_sigma_m`` is used as their sigma. Frames in which both passes lost the
+    patient stay lost; joints are smoothed over each stretch between such frames.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])

@@ -74,7 +74,7 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's pose in a frame, with the facing that a longer stretch of the recording has decided."""
+    """The patient's pose in a frame. A longer stretch of the recording has decided which way the patient faces."""
 
     pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
@@ -145,8 +145,8 @@ def _as_rough(
 ) -> list[Pose]:
     """Return the registered pose of the patient's rough body; empty if it faces another way than the pose ``facing``.
 
-    The rough body was fitted to the pixels of this person as the descriptor sees them, before the bodies decided whose
-    pixels these are.
+    The rough body was fitted to the pixels that the descriptor assigns to this person, before the fitted bodies of all
+    people decided to whom each pixel belongs.
     """
     rough = crowd.body_at(choice.ground_xz_m)
     if rough is None or facing.faces_away(rough.found.belief.pose):
@@ -272,9 +272,8 @@ def quality(start: Start) -> float:
     for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
-    remains confused for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent
-    in
-    a rare way.
+    remains confused for long. Rare poses are often wrong: for example, if legs were fitted to the head of a kneeling
+    person, these legs are bent in a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose

@@ -27,7 +27,9 @@ SAME_M: Final = 0.06
 PAST_M: Final = 0.15
 POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
 STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
-PLACED: Final = 0.4  # if this share of the predicted skin is found, no step is needed; limbs in front may hide the rest
+# minimum share of the predicted skin that must be found without a step for no step to be needed; limbs in front may
+# hide the rest
+PLACED: Final = 0.4
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
