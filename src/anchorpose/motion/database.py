@@ -2,14 +2,15 @@
 other trackers.
 
 A pose vector theta does not depend on where the patient stands or which way the patient faces. The vector has 21 x 3
-joint positions relative to SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then
-4 numbers for the path. The first three are the distances travelled by SpineBase, summed over all frames so far, along
-X, Y and Z of the heading frame at each moment; the fourth is the heading, radians, unwrapped. Only differences of these
-4 numbers have a meaning.
+joint positions relative to SpineBase in the trunk's heading frame (X in the direction in which the trunk faces, Y up, Z
+to the trunk's right), then 4 numbers for the path. The first three numbers are the distances that SpineBase has
+travelled along X, Y and Z of the heading frame, summed over all frames so far; each step is measured in the heading
+frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences of these 4 numbers between
+frames have a meaning.
 
-A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
-is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
-recording). The poses of a sub-list are interpolated on demand.
+A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section IV) has the sub-lists
+of all movements at several speeds. Its poses are never stored: a sub-list is given by a place in the recorded clips and
+a speed (frames of the clip per frame of the recording). The poses of a sub-list are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ COMPARED: Final = 3 * JOINT_COUNT
 # (differences from the patient's last poses) of all sub-lists in a segment. The larger the segments, the looser the
 # bounds, and the more sub-lists must be tested
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal components for lower bounds; the bounds reach nine tenths of the costs
+# number of principal components of the poses from which the lower bounds are computed; the bounds then reach nine
+# tenths of the costs
+COLUMNS: Final = 16
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -59,8 +62,8 @@ class MotionDatabase:
     """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
-    # number of columns, counted from a pose vector's first, that are compared to find similar poses; the other columns
-    # (the path) are only predicted
+    # number of leading columns of a pose vector that are compared to find similar poses; the other columns (the path)
+    # are only predicted
     compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; poses differ mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal, principal directions of the poses
@@ -125,7 +128,8 @@ def build_database(
     history: int,
     past: int,
 ) -> MotionDatabase:
-    """Build D_s for a recording of ``at_hz`` from clips, (n_i, d) each, whose rates are ``rate_hz``.
+    """Build the set D_s of sub-lists for a recording of ``at_hz`` frames per second from clips, (n_i, d) each, with the
+    rates ``rate_hz``.
 
     compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
     sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -

@@ -41,7 +41,7 @@ class Matches:
 
     place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
     stride: np.ndarray  # (m,) database rows per frame of the recording
-    distance_m: np.ndarray  # (m,) cost, as root-mean-square distance over the joints per frame
+    distance_m: np.ndarray  # (m,) cost of each match per frame, converted to a root-mean-square distance between joints
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
         """Return pose vectors (m, f, d) of each match. ``frames`` (f,): number of frames from the match's newest pose
@@ -56,13 +56,15 @@ def best_sublists(
     """Return the ``count`` sub-lists most similar to the last poses; None if no column of these poses is known or no
     clip is long enough.
 
-    The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), the Euclidean distances of k poses, plus
-    ``displacement_weight * k`` times the distance between the displacements over the history. The displacements are
-    included, since the same pose occurs in movements of any direction and speed. history (k, d): the newest pose last.
-    Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best
-    costs are skipped. The result is still exact: the sum of k distances is at least k times the distance of the means,
-    and omitted columns only lower this bound. Among equal sub-lists, the earlier is taken. A column with a missing
-    value anywhere in the history is not compared; every sub-list is then tested.
+    The cost of a sub-list has two terms. The first term is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)),
+    the Euclidean distances between the last k poses and the k poses of the sub-list. The second term is
+    ``displacement_weight * k`` times the distance between the two displacements (newest pose minus oldest pose). The
+    displacements are included, since the same pose occurs in movements of any direction and speed. history (k, d): the
+    newest pose last. Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists are skipped if a
+    lower bound of their cost exceeds the costs of the best ``count`` sub-lists so far. The result is still exact: the
+    sum of k distances between poses is at least k times the distance between the mean poses, and omitted columns only
+    lower this bound. Among sub-lists with equal costs, the earlier sub-list is taken. A column with a missing value
+    anywhere in the history is not compared; every sub-list is then tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -202,7 +204,9 @@ def _cost(
 
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
-DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb reverses within a few tenths of a second
+# ratio of the velocities in two successive predicted frames; below 1, since a limb reverses its movement within a few
+# tenths of a second
+DAMPING: Final = 0.85
 # share of the velocity difference (patient minus matches) that is added to the matches' velocity. It is below 1, since
 # the difference is noisy
 OWN_VELOCITY: Final = 0.8
@@ -237,7 +241,9 @@ class MotionConfig:
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
     # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
     neighbours: Count = 32
-    checked: Count = 7  # frames; to weight the predictions by matches and by velocity, both are tested this long ago
+    # number of frames; the predictions by matches and by velocity are weighted by how well each of them, made this many
+    # frames before the newest frame, predicts the newest pose
+    checked: Count = 7
 
     @property
     def uses_database(self) -> bool:
@@ -254,7 +260,9 @@ class PredictionSource(StrEnum):
     """The source of a prediction."""
 
     DATABASE = "database"
-    OWN_VELOCITY = "own_velocity"  # by velocity, without reference movements or with too short a history
+    # by the patient's own velocity: the rule uses no reference movements, the history is too short, or no similar
+    # movement was found
+    OWN_VELOCITY = "own_velocity"
     STANDSTILL = "standstill"  # the last pose is repeated: the velocity is unknown, or the rule asks for it
 
 
@@ -320,11 +328,12 @@ def predict(
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
     compared: number of columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h)
-    = theta^t + theta_s^(j+h) - theta_s^j, where j is the newest pose of the best sub-list s. Our rule takes the mean
-    change theta_s^(j+h) - theta_s^j of several sub-lists and adds most of the difference between the patient's velocity
-    and the sub-lists' velocity. The result is mixed with a prediction by the patient's velocity alone. The weights
-    follow from the squared errors that both predictions of the newest pose would have had if they had been made
-    ``checked`` frames ago. So a movement that the database does not contain is predicted by its velocity.
+    = theta^t + theta_s^(j+h) - theta_s^j, where theta_s^j is the newest pose of the best sub-list s, and h counts the
+    frames after it. Our rule takes the mean change theta_s^(j+h) - theta_s^j of several sub-lists and adds most of the
+    difference between the patient's velocity and the sub-lists' velocity. The result is mixed with a prediction by the
+    patient's velocity alone. The weights follow from the squared errors that both predictions of the newest pose would
+    have had if they had been made ``checked`` frames ago. So a movement that the database does not contain is predicted
+    by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")

@@ -1,4 +1,5 @@
-"""Register every body part separately, by ICP from the predicted pose, as in the paper (Section IV).
+"""Register every body part separately, by ICP (iterative closest point) from the predicted pose, as in the paper
+(Section IV).
 
 In all arrays of points, the rows of a part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
 (parts + 1,) int64.
@@ -23,8 +24,9 @@ from anchorpose.surface.surface import Nodes
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
-# m, the spacing of nodes. A pair's weight is halved at the median residual, but at least at this residual, since pairs
-# with smaller residuals fit equally well
+# m, minimum of the residual (distance between a pair's two places after the fitted motion) at which a pair's weight is
+# halved; this residual is the median of all pairs unless the median is smaller. The value is the spacing of nodes,
+# since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02

@@ -1,5 +1,5 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
-other camera shows, which means that it reads something farther away.
+other camera shows. A camera sees past a surface if it reads something farther away there.
 
 Objects may hide a surface from a camera, but a camera reads something behind a surface only if a camera pose is wrong.
 The room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. A pose that is

@@ -32,8 +32,8 @@ SETTLING: Final = 2  # number of samples left out after an object came to rest, 
 # samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
-# percentile of the share at rest over the sampled frames (``_whole_share``). With this percentile, people may touch the
-# object in two thirds of the frames
+# percentile of the share at rest over the sampled frames that show the object at rest (``_whole_share``). With this
+# percentile, people may touch the object in two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
@@ -143,7 +143,7 @@ def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
     """Return the share at rest, 0 to 1, of the connected foreground that contains a piece: the percentile ``OFTEN`` of
-    this share over the sampled frames.
+    this share over the frames in ``samples``, which show the piece at rest.
     """
     shares = []
     for k in samples:
