@@ -1,5 +1,5 @@
-"""Fit a rough body to every bystander and follow this body over time. Each pixel can then be compared with the
-predicted skin of every person.
+"""Fit a rough body to every bystander (person other than the patient) and follow this body over time. Each pixel can
+then be compared with the predicted skin of every person.
 
 A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always reveal
 to whose forearm a pixel belongs, and a wrong person label persists in later frames. Fitted bodies can reveal the owner
@@ -113,7 +113,7 @@ class Search:
 
     label: int
     wait: int  # number of frames until fitting is tried again
-    pause: int  # number of frames to wait after the next attempt to fit a body, if it fails
+    pause: int  # number of frames to wait after the next attempt to fit a body, if this attempt fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +164,9 @@ def bystanders_placed(
 def first_bystanders(
     fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Bystanders:
-    """Return the bystanders of an initial frame. fitted: rough body or None of each person, by label."""
+    """Return the bystanders of an initial frame. fitted: the rough body of each person, by label; None for a person
+    without a rough body.
+    """
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
         labels_of(views),
@@ -177,10 +179,10 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    If the last body does not fit the person's pixels, a new body is fitted. If no body fits, or if the person is
-    hidden, the last body keeps its place for ``MEMORY_S``. So a person who reappears at this place is recognised. The
-    body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person without
-    a body, fitting is tried again after a pause.
+    If the body of the last frame does not fit the person's pixels, a new body is fitted. If no new body fits, or if the
+    person is hidden, the last body keeps its place for ``MEMORY_S``, so that a person who reappears at this place is
+    recognised. The body is dropped earlier if a camera sees past the body (reads something farther away). For a visible
+    person without a body, fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -227,7 +229,8 @@ def label_by_bodies(
 
 def _shown_skin(one: Bystander, views: Sequence[View | None], cameras: Sequence[Camera]) -> OwnershipLikelihood:
     """Return the likelihood that a place belongs to a person of an initial frame. Limbs that the person's own pixels do
-    not show are left out: their place is a guess, which proves nothing about other people's pixels at this place.
+    not show are left out: the place of such a limb is a guess, so it must not decide to whom pixels at this place
+    belong.
     """
     points, skin = body_points(), bystander_likelihood(Bystanders((one,)), body_points(), 0.0)
     shown = likelihood(one.body, one.belief.pose, person_evidence(views, cameras, one.label)).seen

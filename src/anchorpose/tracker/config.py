@@ -53,7 +53,8 @@ class FollowConfig:
     # s, maximum time for which tracking goes on while no frame shows the patient; after this time, the patient is
     # searched for again
     lost_after_s: Positive = 1.0
-    # whether each bystander is followed with a fitted body; False = only each bystander's last seen skin is kept
+    # whether a body is fitted to each bystander (person other than the patient) and followed; False = only the last
+    # seen skin of each bystander is kept
     bystanders: bool = True
 
 
@@ -62,8 +63,8 @@ class TrackConfig:
     """All settings of a run, as saved in run.json."""
 
     method: Method = Method.ARTICULATED
-    start: int = 0  # first frame to track
-    stop: int | None = None  # frame before which tracking stops; None = the end of the recording
+    start: int = 0  # position in the recording of the first frame to track
+    stop: int | None = None  # position of the frame before which tracking stops; None = the end of the recording
     # whether to track backward, too, and to combine the forward and the backward pass. Two passes take twice the time
     # of a single pass, and a backward pass is impossible during live tracking
     smooth: bool = False
@@ -72,7 +73,8 @@ class TrackConfig:
     patient_xz_m: tuple[float, float] | None = None
     # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person at this place
     patient_frame: int | None = None
-    motions: str | None = None  # file of reference movements; None = the file that ships with the package
+    # file of reference movements, by which the next poses are predicted; None = the file that ships with the package
+    motions: str | None = None
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)
     equipment_pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)

@@ -72,7 +72,7 @@ class Earlier(NamedTuple):
     # (PARTS, 2) s, time since each half of the trunk and of each limb was last seen; a limb is divided at elbow or knee
     unseen_s: np.ndarray | None = None
     seen_sigma_m: np.ndarray | None = None  # (21,) m, sigma of each joint when its part was last seen; NaN = never
-    shape: ShapeBelief | None = None  # as ``Run.shape``
+    shape: ShapeBelief | None = None  # belief in the patient's shape, as in ``Run.shape``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -103,7 +103,8 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Estimate the registered body's joints (paper, rule J), their states from the depth images, and their sigma.
+    """Estimate the joints of the registered body (by rule J of the paper), the joints' states from the depth images,
+    and their sigma.
 
     corrected: joints whose places a reviewer corrected. If cameras see past such a joint, the joint counts as hidden
     instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place.
@@ -240,7 +241,9 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states; a joint seen only by cameras with too coarse depth counts as hidden, not as observed."""
+    """Return the joint states. A joint that is seen only by cameras whose depth is too coarse for limbs counts as
+    hidden, not as observed.
+    """
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

@@ -86,7 +86,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Add a frame; yield the estimates of all frames whose look-ahead is now complete."""
+        """Add a frame; yield the estimates of all frames whose look-ahead (the next few frames) is now complete."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:

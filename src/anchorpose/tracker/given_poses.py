@@ -41,7 +41,7 @@ class PosesAsked:
 
     # one comparison per pair of cameras; empty for a single camera, and if no pose is given
     pairs: tuple[CameraPair, ...]
-    doubts: tuple[PoseDoubt, ...]  # everything that contradicts a camera pose
+    doubts: tuple[PoseDoubt, ...]  # one doubt for each contradiction between a camera pose and what the cameras see
 
 
 def agreeing_poses(
@@ -61,7 +61,8 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """Return the results of checking all camera poses: doubts from the calibration, and contradictions between cameras.
+    """Return the results of checking all camera poses: the doubts that the calibration has noted, and the
+    contradictions between two cameras.
 
     scenes: one per camera, with the poses that tracking uses; samples: frames of all cameras, on one clock. Camera
     poses that were computed instead of given have already been checked in ``calibration``.

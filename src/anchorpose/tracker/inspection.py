@@ -1,4 +1,4 @@
-"""Run one frame through all stages, as ``track`` does, and keep every intermediate result."""
+"""Run a single frame through all stages, as the command ``track`` does, and keep every intermediate result."""
 
 from __future__ import annotations
 

@@ -43,9 +43,11 @@ from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 from anchorpose.results.folder import naming_place
 
-NUMBERS: Final = "biuf"  # allowed kinds of dtype: boolean, integers, floats
+NUMBERS: Final = "biuf"  # allowed kinds of a stored array's dtype: boolean, integers, floats
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""Types that a value may have besides the declared type of its field; type checkers accept these types, too."""
+"""Types that a stored value may have besides the declared type of its field. Type checkers accept values of these types
+for such a field, too.
+"""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:

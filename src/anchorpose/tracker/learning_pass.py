@@ -1,4 +1,6 @@
-"""Learn the patient's body on a first pass over the recording."""
+"""Learn the shape of the patient's body on a first pass over the recording, before the frames are tracked for the
+results.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFacing:
-    """The less likely of two opposite facings in the first frame that learning used, with the body learnt for it."""
+    """The less likely of two opposite facings in the first frame that learning used, with the pose and the body learnt
+    for this facing.
+    """
 
     pose: Pose
     shape: FittedShape
@@ -336,7 +340,7 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the patient with the unchanged body of the first pose, for settings without learning."""
+    """Return the patient with the body of the first pose, unchanged, for settings that leave learning out."""
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)

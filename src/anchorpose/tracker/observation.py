@@ -26,7 +26,8 @@ from anchorpose.tracker.stopwatch import Stopwatch
 # surface are left out; with fewer, all distances of the node are kept. Three distances identify a node (paper, Section
 # IV-D), and four distances allow four choices of three
 LEAST_TRUSTED = 4
-# number of frames between two checks by the learnt descriptor; a check takes a third of the time for tracking a frame
+# number of frames from a check by the learnt descriptor to the next check; a check takes a third of the time for
+# tracking a frame
 DESCRIBED_EVERY: Final = 8
 
 
@@ -150,7 +151,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: its observation, and the body with its pose."""
+    """The frame in which tracking begins: its observation, and the body with its pose."""
 
     observation: Observation
     shape: FittedShape

@@ -28,11 +28,12 @@ from anchorpose.recording.recording import FrameSet, depths_of
 # two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
 # farther away). A share above the first limit causes a note; a share above the second limit, a refusal of the recording
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-# two limits of the share of the people's surface that a camera sees past: for a note and for a refusal, as above
+# two limits of the share of the people's surface that a camera sees past; a share above the first limit causes a note,
+# a share above the second limit a refusal of the recording
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
-# blurs depth edges. Above it, the recording is refused. It is higher than MUCH_OF_ROOM, since people cannot confirm the
-# contradiction
+# blurs depth edges. If the share is above this limit, the recording is refused. The limit is higher than MUCH_OF_ROOM,
+# since people cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
@@ -195,11 +196,12 @@ def _people_past(here: Pieces, depths_m: Sequence[np.ndarray], one: Scene, other
 
 
 def _past(world_m: np.ndarray, other: Scene, depths_m: Sequence[np.ndarray]) -> tuple[int, int]:
-    """Return how many of the points (n, 3) another camera sees past (reads something farther away) in each of its depth
-    images (height, width), and how many of the points can be compared.
+    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
+    points can be compared with its depth images (height, width). A point counts as seen past only if none of these
+    images has a reading at the point or in front of it.
 
-    A point in view can be compared with an image if the camera has a reading there and nothing hides the point. The
-    point is compared with the nearest (smallest) reading among the pixels within ``AWAY_M`` of it.
+    A point in view can be compared with an image if the camera has a reading there and nothing hides the point. Each
+    point is compared with the smallest reading among the pixels within ``AWAY_M`` of the point.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

@@ -43,7 +43,7 @@ BLIND_SAMPLES = 3
 AROUND: Final = 6
 OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 MOVED: Final = "moved during the recording, or its depth drifted: positions from before and after do not fit together"
-LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
+LOOKS: Final = 3  # maximum number of frames from which the direction in which the patient faces is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +78,8 @@ def agreeing(settled: Settled, scenes: Sequence[Scene]) -> Settled:
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find the clocks and poses of all cameras. Poses make the clocks more precise, and clocks make poses that are
-    found from people more precise, so both are found in turn.
+    """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
+    that are found from people more precise, so clocks and poses are found in turn.
 
     Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
     recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.

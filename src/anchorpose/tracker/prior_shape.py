@@ -113,7 +113,8 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
     """Return the prior beliefs in the patient's shape: first an adult's, then a child's unless the patient is known to
     be an adult.
 
-    A measured height is included as an observation. Without it, the height follows from age and sex if they are stated.
+    A measured height is included as an observation. Without a measured height, the height follows from age and sex if
+    they are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)

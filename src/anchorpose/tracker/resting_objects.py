@@ -24,9 +24,12 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
-LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
+# s, minimum time at rest of an object; it excludes people who turn round to walk back, since they stand still for half
+# a second
+LEAST_S: Final = 1.0
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
-SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
+# number of sampled frames that are left out after an object came to rest, since the object may still move a little
+SETTLING: Final = 2
 # 0 to 1, minimum that each of two shares must reach. The first share is the part at rest of the connected foreground
 # that contains an object. The second share is the part of the object's pixels that came to rest only after the first
 # samples
@@ -157,8 +160,9 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the ``RestingLayer`` of an object (``piece``) and its rim; it begins at the first of ``samples``. The
-    standard deviation of the object's readings is measured; it is assumed to grow with the square of the depth.
+    """Make the ``RestingLayer`` of an object (``piece``) and its rim; the layer begins at the time of the first of
+    ``samples``. The standard deviation of the object's readings is measured, and is assumed to grow with the square of
+    the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)

@@ -30,7 +30,8 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
+# m, the width of a wrist; a limb is averaged over both passes if their places for each of the limb's joints are closer
+# together than this
 APART_M: Final = 0.06
 # m, half a shoulder breadth; if the trunks of both passes are farther apart than this, all limbs are taken from the
 # pass whose trunk is used
@@ -70,8 +71,8 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2). Then
-    return both as predicted from the frame before, for each frame but the first.
+    """Run the Kalman filter. Return four lists: for each frame, position and velocity (j, 2, 3), and their covariance
+    (j, 2, 2); for each frame but the first, the same two values as predicted from the frame before.
     """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
@@ -157,8 +158,8 @@ class Smoothing:
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
-    """Combine and smooth the frames (t,) of two passes. there: the first pass; back: the second pass, in the order of
-    the first.
+    """Combine and smooth the frames (t,) of two passes. there: the frames of the first pass; back: the frames of the
+    second pass, in the order of the first pass.
 
     held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs. These joints stay in place, and
     they hardly affect other frames, since ``lost_sigma_m`` is used as their sigma. Frames in which both passes lost the
@@ -170,7 +171,9 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges."""
+    """Pose the body to fit the smoothed joints of a frame, with the body's bone lengths and within the ranges of its
+    joints.
+    """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
     pose = None if start is None else pose_from_joints(body, start, joints_m)
@@ -207,8 +210,8 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) the weight of the second pass for trunk and limbs: by inverse variance where both passes agree,
-    else 0 or 1.
+    """Return (t, PARTS) the weight of the second pass for trunk and limbs. Where both passes agree, the passes are
+    weighted by their inverse variances; elsewhere, the weight is 0 or 1.
     """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])

@@ -1,4 +1,4 @@
-"""Find the first pose in a frame: the body that fits the patient there, or the reason why no body does."""
+"""Find the first pose in a frame: the body that fits the patient in this frame, or the reason why no body fits."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
-# m, maximum height of the feet above the floor if no shank is seen; on a low bed or a treadmill, feet are lower
+# m, maximum height of a body's lowest skin above the floor if no shank is seen; feet on a low bed or a treadmill are
+# lower than this
 HANGS_M = 0.35
 # minimum cosine between trunk and vertical for HANGS_M to be tested; it excludes people who lie, since their feet may
 # be high
@@ -91,8 +92,8 @@ def find_start(
     """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
-    pose expected after a loss. The expected pose is used for the limb search after the first pose, and to reject a
-    person who faces the other way.
+    pose expected after a loss. The expected pose is used by the search for misplaced limbs, and to reject a person who
+    faces the other way.
     """
     room, config = run.room, run.config
     crowd = crowd or people_of(frame_set, run)
@@ -261,7 +262,8 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     """Return whether the lowest skin of an upright body is far above the floor, which happens if only a part of the
-    person is seen. People who sit on a high couch also hang, but their shanks are seen. joints_m (21, 3).
+    person is seen. The result is also True for people who sit on a high couch, but their shanks are seen. joints_m (21,
+    3).
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
