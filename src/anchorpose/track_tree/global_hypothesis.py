@@ -1,5 +1,5 @@
-"""Match surface nodes of one frame with nodes of the next frame, by the best branches of a track tree over two to four
-frames. Make constraints on the pose from the matches (paper, Section IV).
+"""Match surface nodes of a frame with nodes of the next frame, by the best branches of a track tree. The tree covers
+two to four frames. Make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: G
     """Return the matcher from a frame's nodes to nodes of the next frame: one column per subset of the anchors that
     were found in both frames.
 
-    Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, one subset has
-    all of them; without anchors, the matcher has no columns.
+    Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, the only subset
+    has all found anchors; without anchors, the matcher has no columns.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)

@@ -1,5 +1,5 @@
-"""Make hypotheses on where each node is in the next frame, one per subset of the anchors (paper, Section IV, track tree
-construction).
+"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Section IV,
+track tree construction).
 
 The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
 V). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
@@ -25,7 +25,8 @@ class Feature(StrEnum):
     """The evidence that two nodes show the same place on the skin."""
 
     GEODESIC = "geodesic"  # geodesic distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to the node's place in the frame before, without a descriptor; for comparison
+    # nearness to the node's place in the frame before, without a descriptor; for comparisons with ``GEODESIC``
+    POSITION = "position"
 
 
 @settings
@@ -53,7 +54,7 @@ class GateConfig:
     # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
     # matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
-    # e_2, m per m of path to the anchor, for the geodesic noise that remains after smoothing
+    # e_2, m per m of path to the anchor, for the noise of geodesic distances that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
     # m, radius around the predicted place in which matches are searched; a hand at 3.6 m/s moves this far in 33 ms
     search_radius_m: Positive = 0.12

@@ -34,7 +34,8 @@ SURFACE_SIGMA_M: Final = 0.02
 # constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and node: excludes the far side of a limb
+# minimum cosine (60 degrees) between the normals of skin point and node; it excludes the far side of a limb
+ALIKE: Final = 0.5
 
 
 @njit(cache=True)
@@ -142,8 +143,8 @@ def plane_steps(
 
 @njit(cache=True)
 def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
-    """Fill plane (4,) with a unit normal and the distance of skin point ``row`` from the plane; return False if the
-    normals of point and node differ too much.
+    """Fill plane (4,) with a unit normal and the distance of skin point ``row`` from the plane through the node; return
+    False if the normals of point and node differ too much.
     """
     alike, squared = 0.0, 0.0
     for axis in range(3):
@@ -237,7 +238,9 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """Return the joints (21, 3), metres, by the rule J: a joint is the mean of its places on the two parts it joins."""
+    """Return the joints (21, 3), metres, by the rule J: a joint is the mean of its places on the two parts that it
+    joins. The joints of the root bone and of the head have a single part.
+    """
     bones = joint_bones(asset)
     rest = body.rest_joints()
     places = []

@@ -1,4 +1,4 @@
-"""Search the track tree, for each node, for the branch that is nearest to the prediction (paper, Section IV).
+"""Search the track tree of each node for the branch that is nearest to the node's predicted places (paper, Section IV).
 
 A branch is a chain of hypotheses over N_Tr frames: until it ends, it has a node in each frame, and all its nodes may
 show the same place on the skin.
@@ -32,7 +32,7 @@ class Support(IntEnum):
     """The kind of support for a node's place in the next frame."""
 
     MATCHED = 0  # the place is a hypothesis on the best branch
-    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from it
+    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from the prediction
     NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
     UNKNOWN = 3  # the place is unknown, since a branch cannot be chosen without a prediction
 

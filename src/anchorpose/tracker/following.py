@@ -56,8 +56,8 @@ def follow_openly(
 
 class Follower:
     """The object that follows one patient, frame by frame. A follower can be stored between two frames
-    (``tracker.journal``). The arguments are those of ``follow_openly``; search: a search for a lost patient that this
-    follower continues; None if the patient was not followed before.
+    (``tracker.journal``). The arguments have the same meaning as in ``follow_openly``; search: a search for a lost
+    patient that this follower continues; None if the patient was not followed before.
     """
 
     run: Run

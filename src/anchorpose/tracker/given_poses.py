@@ -89,8 +89,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError if a contradiction between camera poses is far larger than the noise. The error states the
-    contradiction, its size and a remedy.
+    """Raise InputError if a contradiction between camera poses is far larger than noise can explain. The error states
+    the contradiction, its size and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:

@@ -244,9 +244,9 @@ def seen_less(answer: PassResult) -> float:
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Choose one of two courses (for example, passes) in each frame, so that the total cost is least (Viterbi 1967);
-    return its number (t,), 0 or 1. cost (2, t): cost of each course in each frame. The farther apart the courses are,
-    the more a switch costs, since limbs do not jump.
+    """Choose the first or the second of two courses (for example, passes) in each frame, so that the total cost is
+    least (Viterbi 1967). Return the number (t,) of the chosen course in each frame, 0 or 1. cost (2, t): cost of each
+    course in each frame. The farther apart the courses are, the more a switch costs, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -263,8 +263,8 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Mix joints, sigma and states of both passes. weight (t, 21): weight of the second pass in frames where both found
-    the patient.
+    """Mix joints, sigma and states of both passes. weight (t, 21): weight of the second pass in frames in which both
+    passes found the patient.
     """
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)

@@ -200,7 +200,9 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
 
 
 def _turned(first: FirstPose) -> Rival:
-    """Return the opposite facing, with the same body or with a body fitted for that facing, whichever is likelier."""
+    """Return the rival with the opposite facing. It has the body of the first pose or a body that was fitted for the
+    opposite facing, whichever is likelier.
+    """
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)
     return Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
@@ -232,7 +234,8 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Return whether the fitted height and build are human. A height that the user measured is always accepted."""
+    """Return whether a person may have the fitted height and build. A height that the user measured is always accepted.
+    """
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
