@@ -100,8 +100,8 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
 
 
 def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
-    """Return the gap in a wall through which a person is seen, as pixels (height, width) bool; None if the person is in
-    front of the wall.
+    """Return the gap in a wall through which a person is seen, as pixels (height, width) bool. Return None if the
+    person is not clearly beyond the wall, or is not seen through a gap.
     """
     middle = _middle(one)
     return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None
