@@ -107,7 +107,8 @@ def estimate_of(
     and their sigma.
 
     corrected: joints whose places a reviewer corrected. If cameras see past such a joint, the joint counts as hidden
-    instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place.
+    instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place; if
+    sigma then exceeds ``lost_sigma_m``, the joint is lost all the same.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)

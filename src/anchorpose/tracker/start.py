@@ -234,7 +234,8 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Return whether people may have the fitted height and build. A height that the user measured is always accepted.
+    """Return whether the fitted height and build occur in people. A height that the user has measured is always
+    accepted.
     """
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
