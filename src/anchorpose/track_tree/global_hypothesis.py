@@ -115,8 +115,8 @@ def global_hypothesis(
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return matches and costs, one array per level (step from a frame to the next). In the first level, each chosen
-    node has a row. In later levels, each node of the frame has a row, which is filled only if the level before reaches
-    this node.
+    node has a row. In later levels, each node of the frame has a row, which is filled if the level before reaches this
+    node.
     """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:

@@ -41,7 +41,7 @@ class HypothesisConfig:
     # are not used for it. The paper's method (``Method.PARTS``) uses matches in any case
     always: bool = False
     # whether distances that are lengthened by a hole in the surface are left out; False = they are kept, as in the
-    # paper, which relies on the subsets that contain only other anchors
+    # paper, which relies on the subsets of anchors whose distances are not lengthened
     trusted_only: bool = True
 
 

@@ -24,9 +24,9 @@ from anchorpose.surface.surface import Nodes
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
-# m, minimum of the residual (distance between a pair's two places after the fitted motion) at which a pair's weight is
-# halved; this residual is the median of all pairs unless the median is smaller. The value is the spacing of nodes,
-# since pairs with smaller residuals fit equally well
+# m, minimum of the residual (distance between a pair's two places after the part's motion) at which a pair's weight is
+# halved. This residual is the median over the part's pairs, unless the median is smaller than the minimum. The value is
+# the spacing of nodes, since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02

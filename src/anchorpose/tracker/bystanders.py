@@ -73,7 +73,7 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
 TALLEST_CHILD_M: Final = 1.5  # m; a person who appears taller gets an adult's proportions, else a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-# m, assumed error of a child's height; small, so that the child's body gets just the height that was asked for
+# m, assumed error of a child's height; small, so that the child's body gets almost exactly the requested height
 HEIGHT_SIGMA_M: Final = 0.01
 # a fitted body is used only if at least this share of the person's surface nodes lies near the body
 LEAST_EXPLAINED: Final = 0.75
@@ -91,7 +91,7 @@ SKIN_SIGMA_M: Final = 0.03  # m, sigma of a bystander's skin around its predicti
 GROWTH_M_S: Final = 0.4
 # ratio of a predicted movement's velocity to the last movement's velocity; below 1, since movements slow down
 DAMPING: Final = 0.8
-# first and largest number of frames between two attempts to fit a body; each failure doubles it
+# first and largest number of frames to wait after a failed attempt to fit a body; each failure doubles this number
 FIRST_PAUSE, LONGEST_PAUSE = 15, 240
 
 
@@ -119,7 +119,7 @@ class Search:
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
     """All bystanders of one frame. Bystanders in ``followed`` have a fitted body; bystanders in ``searched`` do not
-    have a fitted body yet.
+    have a fitted body in this frame.
     """
 
     followed: tuple[Bystander, ...] = ()
@@ -302,8 +302,8 @@ class RoughPerson(NamedTuple):
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
     """Fit a body of average shape, with the stature that the pixels show, to the person with this label; return None if
-    too little of the person is seen or if no body fits. A body is fitted with the facing that the learnt descriptor
-    shows, and another body with the opposite facing; the more probable of the two is returned.
+    too little of the person is seen or if no pose fits. The body is fitted twice: with the facing that the learnt
+    descriptor shows, and with the opposite facing. The more probable of the two poses is returned.
     """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:

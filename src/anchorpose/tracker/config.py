@@ -41,7 +41,7 @@ class FollowConfig:
     """Settings of how the patient is followed over time."""
 
     look_ahead: Count = 3  # number of later frames that the track tree spans: the tree's depth N_Tr (paper, Section V)
-    # number of the patient's surface nodes that the track tree follows; about 40 for each segment of the body
+    # maximum number of the patient's surface nodes that the track tree follows; about 40 for each segment of the body
     tree_nodes: Count = 800
     history: Count = 12  # number of past frames kept for predicting the next pose (motion dynamics)
     # number of frames read before tracking, to learn the empty room and to choose the patient; three times as many if a

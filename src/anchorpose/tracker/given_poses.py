@@ -115,8 +115,7 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
     """Return the names of two cameras that were probably exchanged; None without such cameras. Two cameras count as
-    exchanged if the depth images of all cameras show the same room after each of the two has got the pose and lens of
-    the other.
+    exchanged if the depth images of all cameras show the same room once these two have swapped their poses and lenses.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

@@ -33,14 +33,14 @@ from anchorpose.tracker.start import NoStart, find_start, quality
 
 # m, an arm's length plus half a trunk; a frame scores less if another person is closer to the patient than this
 CROWDED_M: Final = 1.0
-# factor on the score of a frame with fewer people than the median over all frames, since two people may have been taken
-# for a single person
+# factor on the score of a frame with fewer people than the median over all frames that show the patient, since two
+# people may have been taken for a single person
 MERGED: Final = 0.5
-# minimum fit of a body (``best_of``), 0 to 1, for which no other frame is tried. The fit is 0.95 to 1 for a patient
-# alone, and 0.7 if a therapist's arm has the patient's label
+# minimum fit of a body (``best_of``), 0 to 1. If a frame reaches this minimum and ``WHOLE``, no other frame is tried.
+# The fit is 0.95 to 1 for a patient alone, and 0.7 if a therapist's arm has the patient's label
 WELL: Final = 0.92
-# minimum visible area of the patient (``InitialFrame.whole``), 0 to 1, for which no other frame is tried. A frame may
-# show only a narrow strip of the patient, and any pose fits such a strip
+# minimum visible area of the patient, as a share of the usual area (``InitialFrame.whole``), for which no other frame
+# is tried. It is needed besides ``WELL``, since any pose fits a frame that shows only a narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
 # share of the span from the first to the last candidate frame. A frame that is nearer than this to a tried frame scores

@@ -123,9 +123,9 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
     the patient is found. Tracking uses the shape learnt so far, and each window (a group of successive frames) refines
-    this shape. To save memory, only two windows of each stretch are kept for each of two opposite facings: the latest
-    window, and the window with most frames. At the end, bodies of other heights are fitted to the windows with most
-    frames, except if the user stated a height and the images agree with it.
+    this shape. To save memory, only two windows of a stretch are kept (in the first stretch, for each of two opposite
+    facings): the latest window, and the window with most frames. At the end, bodies of other heights are fitted to the
+    windows with most frames, except if the user stated a height and the images agree with it.
     """
     learnt, longest = None, list[_Seen]()
     for stretch in stretches:

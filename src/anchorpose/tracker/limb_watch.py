@@ -18,8 +18,8 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-# first and largest number of frames between two searches, since a search takes as long as tracking three frames; each
-# search without a result doubles this number
+# first and largest number of frames to wait after a search for limbs without a result, since a search takes as long as
+# tracking three frames; each such search doubles this number
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
 # nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If the sum is below this
 # limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, every sum is larger

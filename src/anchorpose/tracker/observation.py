@@ -32,10 +32,10 @@ DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame_set: FrameSet) -> bool:
-    """Return whether the learnt descriptor checks this frame. The frame's position in the recording decides, not its
-    number, since the numbers of a recording's images may leave out every multiple of ``DESCRIBED_EVERY``. A check has
-    two parts: it compares the limbs to which descriptor and pose assign skin, and it searches the patient's pixels for
-    several people.
+    """Return whether the learnt descriptor checks this frame. The frame's position in the recording decides; the
+    frame's number decides only if the position is unknown, since the numbers of a recording's images may leave out
+    every multiple of ``DESCRIBED_EVERY``. A check has two parts: it compares the limbs to which descriptor and pose
+    assign skin, and it searches the patient's pixels for several people.
     """
     place = frame_set.frame if frame_set.position is None else frame_set.position
     return place % DESCRIBED_EVERY == 0

@@ -198,7 +198,7 @@ def _people_past(here: Pieces, depths_m: Sequence[np.ndarray], one: Scene, other
 def _past(world_m: np.ndarray, other: Scene, depths_m: Sequence[np.ndarray]) -> tuple[int, int]:
     """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
     points can be compared with its depth images (height, width). A point counts as seen past only if none of these
-    images has a reading at the point or in front of it.
+    images has a reading in front of the point or up to ``AWAY_M`` behind it.
 
     A point in view can be compared with an image if the camera has a reading there and nothing hides the point. Each
     point is compared with the smallest reading among the pixels within ``AWAY_M`` of the point.

@@ -255,7 +255,7 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig) -> InputError:
-    """Return the error for the case that no person stands at the patient's place that the user gave. The error states
+    """Return the error to raise if no person stands at the place that the user gave for the patient. The error states
     where people are in the frame for which the place was given; if no frame was given, in the first tracked frame.
     """
     frame, (x, z) = config.patient_frame, config.patient_xz_m or (np.nan, np.nan)

@@ -266,8 +266,9 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     """Return whether the lowest skin of an upright body is far above the floor, which happens if only a part of the
-    person is seen. The result is also True for people who sit on a high couch, but their shanks are seen. joints_m (21,
-    3).
+    person is seen. The result is also True for people who sit on a high couch, but their shanks are seen.
+
+    joints_m (21, 3): joints of the body.
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)

@@ -27,8 +27,8 @@ SAME_M: Final = 0.06
 PAST_M: Final = 0.15
 POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
 STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
-# minimum share of the predicted skin that must be found without a step for no step to be needed; limbs in front may
-# hide the rest
+# minimum worth (``_worth``) of a person's predicted skin without a step; if it is reached, no step is needed. It is far
+# below 1, since limbs in front may hide the rest
 PLACED: Final = 0.4
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
@@ -93,8 +93,8 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the sum of ``worth`` over the chosen steps, one step per person; -inf if two people would stand in the
-    same place.
+    """Return the sum of ``worth`` over the chosen steps, one step per person; -inf if a step would bring two people to
+    the same place.
     """
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
