@@ -62,7 +62,7 @@ class FloorResidual:
 
 
 class DoubtSource(StrEnum):
-    """The source of a doubt about a camera's pose."""
+    """The observation that contradicts a camera's pose."""
 
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
@@ -72,9 +72,9 @@ class DoubtSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """A doubt about camera poses, stated in one sentence. off_m: distance by which wrong poses displace the surfaces
-    that the cameras see, NaN where unknown. refuted: True if noise and errors of a tape measure cannot cause so large a
-    contradiction; tracking is then refused.
+    """A contradiction between camera poses and what the cameras see, stated in one sentence. off_m: distance by which
+    wrong poses displace the surfaces that the cameras see, NaN where unknown. refuted: True if the contradiction is
+    larger than noise, or poses measured by tape, can cause; tracking is then refused.
     """
 
     source: DoubtSource
@@ -127,7 +127,9 @@ def write_calibration(folder: Path, recording: str, calibration: Calibration) ->
 
 
 def calibration_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """Return texts, a row per camera: name, method, sigma in mm and degrees, rms residuals in mm and px."""
+    """Return a table of texts with one row per camera: name, method, sigma in mm and degrees, rms residuals in mm and
+    px.
+    """
     rows: list[tuple[str, ...]] = []
     for pose in calibration.poses:
         figures: dict[str, Any] = {figure.unit: figure.value for figure in reversed(pose.figures)}

@@ -1,4 +1,5 @@
-"""Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
+"""Measure the lags between the cameras' clocks (a lag is the difference between two clocks at the same moment): first
+roughly from signals of motion, then precisely from the surfaces that two cameras see.
 
 Cameras see different sides of a body, so a movement looks larger in one camera than in another. But all cameras see the
 movement at the same time. The signal of motion is the change of depth, summed separately in each band of height above
@@ -24,11 +25,13 @@ from anchorpose.recording.depth_image import RecordedFrames
 
 # m, edges of the height bands; the floor is below them, and nobody reaches above them
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m; a larger change of depth between a frame and the next but one counts as this much, as it shows another surface
+# m, maximum change of a pixel's depth from a frame to the next but one. A larger change counts as this value, because
+# the pixel then shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
-NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
+# sigmas of one reading's noise, subtracted from each change of depth; smaller changes count as noise
+NOISE_GATE: Final = 4.0
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
 # minimum overlap, as a share of the shorter signal; with less, wrong lags may by chance correlate as well as the
@@ -129,7 +132,9 @@ def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
 
 
 def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
-    """Correlate x with y at a lag of ``shift`` steps; NaN where they share fewer than ``least`` steps."""
+    """Correlate x with y at a lag of ``shift`` steps; NaN if they overlap in fewer than ``least`` steps, or if x or y
+    is 0 there.
+    """
     begin, end = max(0, -shift), min(len(x), len(y) - shift)
     if end - begin < least:
         return float("nan")
@@ -139,14 +144,16 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Return where the parabola through the score at ``best`` and its neighbours peaks, in steps from ``best``."""
+    """Return the position of the peak of a parabola through the score at ``best`` and its two neighbours, in steps from
+    ``best``; 0 if a neighbour is missing.
+    """
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
+MOST_AHEAD_S: Final = 5.0  # s, maximum difference between two clocks that count from the same epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
 # s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
 BLOCK_S: Final = 12.0
@@ -169,8 +176,8 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, at the
-    reference time at_s.
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``; at_s:
+    the time of this lag, on the reference clock (the clock of camera 0).
     """
 
     first: int
@@ -182,8 +189,9 @@ class PairLag:
 
 @dataclass(frozen=True, slots=True)
 class RoughLag:
-    """A rough lag. lag_s: the camera's clock minus the reference clock at about the reference time at_s, correct within
-    ``REACH_S``; certain: True if the lag need not be checked by comparing surfaces.
+    """A rough lag of one camera. lag_s: the camera's clock minus the reference clock, at about the time at_s of the
+    reference clock; reach_s: maximum error of lag_s; certain: True if the lag need not be checked by comparing
+    surfaces.
     """
 
     lag_s: float
@@ -196,8 +204,8 @@ REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to
 
 
 def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and the
-    amount of this movement (m^3).
+    """Return, for each of ``windows`` equal parts of the recording, the time on the reference camera's clock with most
+    movement, and the amount of this movement (m^3).
 
     Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
     """
@@ -233,9 +241,9 @@ def _motion(frames: RecordedFrames, time_s: float) -> float:
 def rough_lags(
     frames: RecordedFrames, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
-    decide among the camera's best lags. If a certain lag contradicts the time stamps, surfaces decide between this lag
-    and the time stamps.
+    """Return each camera's lag, found from signals of motion; None if no lag is found. If no lag of a camera is
+    certain, the camera's best lags are compared, and the lag at which both cameras' surfaces fit best is chosen. If a
+    certain lag contradicts the time stamps, surfaces decide in the same way between this lag and the time stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -279,8 +287,9 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the lags around which to search, each with its largest error. One lag is for clocks that share an epoch,
-    unless their times hardly overlap; another lag is for recorders that were started together.
+    """Return the lags around which to search, each with its largest error. A lag of 0 is for clocks that count from the
+    same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two first times is
+    for recorders that were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -339,8 +348,9 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
-    relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be lost.
+    """Return the lag of each pair of cameras with poses, in each window in which this lag can be measured. Each lag is
+    stored relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be
+    lost.
     """
     lags = []
     for at_s in times_s:

@@ -1,9 +1,10 @@
-"""Measure the lag between two posed cameras from the surfaces that both see.
+"""Measure the lag between the clocks of two cameras with known poses, from the surfaces that both cameras see.
 
 A point that camera A saw at time t is projected into camera B at time t + lag. B's reading at this pixel, interpolated
 in time, differs from the point's depth in B. The difference is the error of the lag times the rate of change of the
-depth. Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses,
-sensors or clothes do not bias the lag, because the mean residual of each patch of the depth image is subtracted first.
+depth. Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Systematic
+differences of depth (due to wrong poses, errors of the sensors or clothes) do not bias the lag, because the mean
+residual of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -20,18 +21,24 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
-OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels; they do not show a limb
-# number of frames from which a pixel's noise is computed, by a median; the noise then has an error of a quarter
+# pixels, side of the window of the morphological opening that removes small groups of flickering pixels, since a limb
+# has more pixels
+OPENED_PX: Final = 5
+# number of frames from which a pixel's noise is computed, by a median; with this number, the computed noise has an
+# error of a quarter of its value
 NOISE_FRAMES: Final = 16
 SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
 
-# pixels, spacing of the grid of points, since errors of neighbouring pixels are correlated; a body has 1700 points
+# pixels, spacing of the grid of points. Not every pixel is used, since errors of neighbouring pixels are correlated;
+# with this spacing, a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
-MOVED_GATE: Final = 6.0  # minimum change of a pixel's depth in sigmas; noise alone causes 3 sigmas in eight frames
+# minimum change of a pixel's depth within a clip, in sigmas of the pixel's noise; noise alone causes 3 sigmas in eight
+# frames
+MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge exceeds it
+ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth over four frames (1.5 m/s at 30 Hz); a passing edge exceeds it
 LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; with less, readings are imprecise
 PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
 CHUNK_S: Final = 0.25  # s, duration of a chunk of time; the errors of residuals in one chunk are correlated
@@ -87,7 +94,8 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 
 
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
-    """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
+    """Return the lag between two clips' clocks, searched within ``reach_s`` of ``around_s``; None if both cameras see
+    too little movement in common, or if the search does not converge in this range.
 
     Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise the residuals of
     both clips' points by robust least squares; each point is compared with the other clip. The standard error accounts
@@ -116,8 +124,9 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): a point's frame in the
-    source, its flat pixel index and depth_m in the target; period_s: time between two frames of the target.
+    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): the index of a point's
+    frame in the source, the point's flat pixel index and depth_m in the target; period_s: time between two frames of
+    the target.
     """
 
     source: Clip

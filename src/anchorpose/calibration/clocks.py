@@ -53,7 +53,7 @@ class ClockFit:
     residual_s: float
 
     def sigma_s(self, camera: int, time_s: float) -> float:
-        """Return the standard error of a camera's clock at a reference time."""
+        """Return the standard error of a camera's clock at a time of the reference clock (the first camera's clock)."""
         row = np.array([1.0, time_s - self.at_s])
         return float(np.sqrt(row @ self.covariance[camera] @ row))
 
@@ -61,8 +61,9 @@ class ClockFit:
 def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
-    The worst lag is removed as long as it is more than ``OUTLIER_GATE`` standard deviations off. The standard errors
-    increase with the scatter of the remaining lags. Raises ValueError without lags.
+    The lag that deviates most from the fitted clocks is removed, and the fit repeated, as long as this lag deviates by
+    more than ``OUTLIER_GATE`` standard deviations. The standard errors increase with the scatter of the remaining lags.
+    Raises ValueError without lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -113,14 +114,18 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
+# number of windows, spread over the whole recording, since a drift is measured by comparing lags from its beginning and
+# its end
+WINDOWS: Final = 10
 SPREAD: Final = 3  # step between the windows that are compared first, so that these windows already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
-# minimum of two shares: compared windows that give a lag, and lags that agree with the fitted clocks
+# minimum for each of two shares: the share of the compared windows that give a lag of a camera, and the share of all
+# lags that agree with the fitted clocks
 AGREEING: Final = 0.75
-APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
+# s, maximum rms residual of lags that count as agreeing; a sixth of the time between two frames at 15 Hz
+APART_S: Final = 0.01
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
@@ -191,7 +196,8 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock. The argument must have the recorded time stamps.
+    """Return ``recording`` with all times converted to the first camera's clock. The given ``recording`` must have its
+    original time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
     function before and again after poses are found. A clock that cannot be estimated stays unchanged.
@@ -245,7 +251,8 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
     first_s = times_s[:CONFIRMING]
     if None not in rough:
         lags = fine_lags(frames, rough, first_s)
-    # without confirmed lags, the time stamps are from different clocks, or the common view shows too little movement
+    # if no lags are confirmed, the time stamps are from different clocks, or both cameras see too little movement in
+    # common
     if not _is_confirmed(lags, count, len(first_s)):
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)

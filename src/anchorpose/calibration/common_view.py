@@ -20,8 +20,8 @@ from anchorpose.rotations import rigid
 NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
-# pixels, side of the window that adds a rim of 3 pixels to people: at 2 m, these are 2 cm, as far as a limb moves
-# between frames
+# pixels, side of the window that adds a rim of 3 pixels to people; at a distance of 2 m, this rim is 2 cm wide, as far
+# as a limb moves between two frames
 RIM_PX: Final = 7
 # m, maximum distance of paired points in each iteration; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
@@ -55,7 +55,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelView:
-    """One camera's view in a frame that stands on the floor.
+    """The view of one camera, with a level coordinate frame that has its origin on the floor.
 
     T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
     depth frames (height, width) at the moments that all cameras share; smooth_m: the same after ``smoothed``; people
@@ -119,8 +119,8 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def smoothed(depth_m: np.ndarray, step_m: float, otherwise: np.ndarray | np.float32) -> np.ndarray:
-    """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, with depth differences
-    below ``step_m``; else the value of ``otherwise``.
+    """Return the mean depth (height, width) of each pixel's 3x3 neighbourhood, if all nine readings lie on one surface,
+    with depth differences below ``step_m``; else the value of ``otherwise``.
     """
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
@@ -184,7 +184,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     correct.
 
     Frames at the same index in both views show the same moment. Return None if both cameras see too little in common.
-    Walls are left out: a shift along a wall cannot be seen, and walls would hold the cameras at the starting pose.
+    Walls are left out: their depth stays the same if a camera is shifted along them, and they would keep the fit at the
+    starting pose.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -242,8 +243,9 @@ def _pairs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownByBoth:
-    """Points of the source that the target shows a surface at, in the target frame. points_m, normals: the source's
-    points and normals (n, 3); there_m, plane: the target's points at the same pixels and their normals (n, 3).
+    """Points of the source camera at whose pixels the target camera also shows a surface, in the target frame.
+    points_m, normals: the source's points and normals (n, 3); there_m, plane: the target's points at the same pixels
+    and their normals (n, 3).
     """
 
     points_m: np.ndarray
@@ -269,7 +271,9 @@ class ShownByBoth:
 
 
 def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndarray, moment: int) -> ShownByBoth:
-    """Return the source's points in the frame with this index at whose pixels the target shows a surface, too."""
+    """Return the points of the source (only points marked as ``person``) in the frame with index ``moment``, as far as
+    the target shows a surface at the same pixel.
+    """
     seen = source.seen[moment]
     points = transform_points(T_target_source, seen.points_m[seen.person])
     normals = seen.normals[seen.person] @ T_target_source[:3, :3].T
@@ -282,7 +286,8 @@ def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndar
 def paired_rows(
     first: LevelView, second: LevelView, T_first_second: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the least-squares rows of the pairs within ``gate_m``, in both directions.
+    """Return the rows of the least-squares system, one row per pair of points within ``gate_m``. The second camera's
+    points are paired with surfaces of the first camera, and vice versa.
 
     jacobian (n, 6): derivative by a small rotation and shift in the first camera's frame; residual (n,) in metres;
     moment (n,) of each pair.

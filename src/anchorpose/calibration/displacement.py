@@ -32,7 +32,8 @@ LEAST_SURFACE_PAIRS: Final = 500
 # minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
 # surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of pose; they damp undetermined directions
+# m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
+STEP_M, STEP_RAD = 0.1, 0.2
 # m, maximum distance of points on one surface when the misfits of the fitted and of the given pose are computed
 COMPARED_M: Final = 0.15
 # maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
@@ -131,7 +132,9 @@ def _anybody(view: LevelView) -> bool:
 
 
 def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
-    """Scale the weights (n,) to the same sum for room and people, if both have some."""
+    """Return the weights (n,), scaled so that the weights of the room and the weights of the people have the same sum;
+    unchanged if either sum is 0.
+    """
     shares = [weight[which].sum() for which in (of_people, ~of_people)]
     if min(shares) <= 0.0:
         return weight
@@ -139,8 +142,8 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return how well the data determine a shift at ``place_m``, with the rotation free. The result is the share (0 to
-    1) of the weight that resists a shift in the least determined direction.
+    """Return how well the data determine a shift at ``place_m`` if the rotation is unknown, too. The result is the
+    share (0 to 1) of the weight that resists a shift in the least determined direction.
     """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])

@@ -159,7 +159,8 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
-# minimum number of points of a part, since only a small part may distinguish front from back
+# minimum number of points of a part. Sometimes a small part alone distinguishes front from back, so small parts need
+# points, too
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
 # m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
@@ -283,8 +284,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Test every rotation in steps of ``STEP_DEG`` about two centres: the centre of the bounding box, and the centre of
-    the surface.
+    """Test every rotation of the equipment about the vertical, in steps of ``STEP_DEG``, through two centres: the
+    centre of the bounding box, and the centre of the surface.
 
     For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
     mixes round and square tubes the sampled centre of the surface is shifted.

@@ -35,7 +35,8 @@ from anchorpose.settings import Positive, settings
 
 # Shares of the equipment or of a part refer to surface area in m2, not to pixels, so that near parts do not count more.
 LEAST_SEEN: Final = 0.2  # minimum share of the equipment that must be seen; people or the image border hide up to half
-MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface seen through; above 0, since edges of bars flicker
+# maximum share of the unhidden surface that is seen through; not 0, since edge pixels of bars often read the background
+MOST_THROUGH: Final = 0.10
 MOST_THROUGH_OF_PART: Final = 0.35
 # maximum share of a part's unhidden surface that may lack readings; if more is missing, the part may be absent, and the
 # wall behind it out of range
@@ -107,8 +108,9 @@ class PartEvidence:
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
-    counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background. All areas are 0 if the equipment is outside the depth image.
+    counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show the
+    equipment, because edge pixels of a bar often read the background. All areas are 0 if the equipment is outside the
+    depth image.
     """
     prediction, parts = predict(view.camera, equipment, fit.T_camera_model), equipment.caster.part_count
     if prediction is None:

@@ -26,7 +26,8 @@ THINNING: Final = 3  # every third point of the equipment is used, except in the
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
 DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less than both are the same pose
-# m, maximum distance of points that count as on the surface, one value per step from coarse to fine
+# m, maximum difference between a point's depth and the reading at its pixel for the point to count as seen, in addition
+# to the noise; one value per step from coarse to fine
 TOLERANCES_M: Final = (0.05, 0.03, 0.02)
 THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
 # m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
@@ -36,8 +37,9 @@ BROAD_WEIGHT: Final = 0.25
 
 
 class SearchImage(NamedTuple):
-    """The searched image: depth_m (height, width) float32 of still surfaces, 0 = no reading; weight (height, width)
-    float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4, 4); noise_per_m.
+    """The image in which the equipment is searched: depth_m (height, width) float32 of still surfaces, 0 = no reading;
+    weight (height, width) float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4,
+    4): see ``ground_frame``; noise_per_m: factor of the sensor's noise.
     """
 
     depth_m: np.ndarray
@@ -136,7 +138,7 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
     """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z. The steps are first half of the
-    tolerance, then a quarter; return their scores (n,).
+    tolerance, then a quarter of it. Return the scores (n,) of the improved places.
     """
     scores = np.empty(len(places))
     trial = np.empty(4)
@@ -164,7 +166,9 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """Return how well equipment at ``place`` (yaw, x, y, z) agrees with the image, per point that faces the camera."""
+    """Return a score of how well equipment at ``place`` (yaw, x, y, z) agrees with the image, divided by the number of
+    surface points that face the camera.
+    """
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -281,7 +285,9 @@ def _search_image(view: StillView) -> SearchImage:
 
 
 def ground_frame(floor: FloorPlane) -> np.ndarray:
-    """Return T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin below it."""
+    """Return T_camera_ground (4, 4): Y along the floor's upward normal, Z level in the camera's viewing direction,
+    origin on the floor below the camera.
+    """
     away = np.array([0.0, 0.0, 1.0])
     away = away - (away @ floor.up) * floor.up
     away /= np.linalg.norm(away)
@@ -289,13 +295,17 @@ def ground_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T_camera_model for (yaw, x, y, z): direction, and position of the centre in the ground frame."""
+    """Return T_camera_model for ``place`` (yaw, x, y, z): direction, and position of the equipment's centre in the
+    ground frame.
+    """
     turn = rotation_about_y(place[0])
     return np.asarray(T_camera_ground @ rigid(turn, place[1:] - turn @ centre_m))
 
 
 def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
-    """Return the indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
+    """Return the indices of the best places, at most ``most``, without any place within ``DISTINCT_M`` and
+    ``DISTINCT_RAD`` of a better place.
+    """
     kept: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
         turn = np.abs((places[kept, 0] - places[index, 0] + np.pi) % (2 * np.pi) - np.pi)

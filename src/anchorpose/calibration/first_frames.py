@@ -81,7 +81,8 @@ NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a 
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 # minimum share of the readings that show people in an image from which the room was removed, median over frames. In 139
-# such recordings it is 1.0; with the room, 0.2 in images that end at 3 m, and 0.65 if five people fill the image
+# such recordings the share is 1.0. In images with the room, it is 0.2 if the camera's range ends at 3 m, and 0.65 if
+# five people fill the image
 ALONE_PEOPLE: Final = 0.6
 FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
 USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
@@ -143,7 +144,9 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 # minimum number of readings in a depth image; the smallest image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-FLATNESS_M: Final = 0.003  # m, unevenness of a hard floor, added to the noise, or near pixels would dominate the fit
+# m, unevenness of a hard floor. It is added to the noise; otherwise near pixels, which have little noise, would
+# dominate the fit
+FLATNESS_M: Final = 0.003
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)

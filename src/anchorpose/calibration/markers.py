@@ -165,8 +165,8 @@ DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white p
 WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-# four sigmas: minimum lead in chi2 over the second, mirrored pose of a flat layout, and maximum chi2 between the depth
-# readings on a marker and the distance that the corners give
+# squared sigmas (four sigmas), for two limits: minimum difference in chi2 between the best and the second, mirrored
+# pose of a flat layout; maximum chi2 between the depth readings on a marker and the distance that the corners give
 CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
