@@ -155,7 +155,7 @@ def _vertex(score: np.ndarray, best: int) -> float:
 
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference between two clocks that count from the same epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
+# s, duration of a block; the frames of a block give one signal of motion. People make several movements in 12 s
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
 WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras

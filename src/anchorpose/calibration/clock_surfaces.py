@@ -53,9 +53,9 @@ SETTLED_S: Final = 2e-5
 class Clip:
     """Consecutive depth frames of one posed camera and the moving points in them.
 
-    time_s (n,); stack (n, height * width) uint16: smoothed depth in ``UNITS_PER_M``, 0 = no reading; noise_m (height *
-    width,): standard deviation of still readings over time; points_world_m, normals_world (m, 3) float64: points on
-    moving surfaces; frame (m,): index of each point's frame.
+    time_s (n,); stack (n, height * width) uint16: smoothed depth in m, multiplied by ``UNITS_PER_M``, 0 = no reading;
+    noise_m (height * width,): standard deviation of still readings over time; points_world_m, normals_world (m, 3)
+    float64: points on moving surfaces; frame (m,): index of each point's frame.
     """
 
     camera: Camera

@@ -334,8 +334,8 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's centre in its
-    own frame and in the camera frame.
+    """Return least-squares rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's
+    centre in its own frame and in the camera frame.
     """
     up = T[:3, :3] @ prior.up
     foot = centre - (centre_model @ prior.up - prior.height_m) * up  # the point of the prior's floor below the centre

@@ -28,7 +28,9 @@ SNAP_RAD: Final = np.radians(10.0)
 # more, the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-WELL_M: Final = 0.006  # m; axes are not fitted for a part whose readings spread about its surface by less
+# m; if the readings of a part with axes along the common directions spread about its surface by less, these axes are
+# kept
+WELL_M: Final = 0.006
 # m, maximum spread of a part's readings about its surface; a part with a larger spread is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
 # maximum share of the rays through a part's core that may end beyond the part; wrong parts have a larger share
@@ -53,7 +55,9 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """Proposed parts, by name. explained_share: share of readings on free-standing objects within 15 mm of a part."""
+    """The proposed parts, by name. explained_share: share of the readings on free-standing objects that lie within 15
+    mm of a part's surface.
+    """
 
     parts: tuple[ProposedPart, ...]
     explained_share: float

@@ -164,7 +164,7 @@ MOST_BESIDE: Final = 0.5
 LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
-SEEDS: Final = 120  # number of places, drawn at random for each bar, from which a bar is searched
+SEEDS: Final = 120  # number of places, drawn at random, at which each bar or plate is searched
 # m; points this near to a seed give its bar's first direction: a ball twice as wide as a thick bar
 NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer pixels give no direction
@@ -299,8 +299,8 @@ def _main_direction(points: np.ndarray) -> np.ndarray:
 
 
 def _axes_of_bar(axis: np.ndarray) -> np.ndarray:
-    """Return axes (3, 3) of a bar whose cross-section has a vertical axis, if possible, so that its sides are upright
-    and level.
+    """Return the axes (3, 3) of a bar in the direction ``axis``. Unless the bar is upright, the first axis across the
+    bar is level, so that a level bar has upright and level sides.
     """
     upward = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     side = np.cross(upward, axis)

@@ -155,8 +155,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes along which all cameras that see the part look. The part's extent along these axes is not
-    seen, since its outline shows only the extent along the other axes.
+    """Return (3,) bool: axes that lie along the lines of sight of all cameras that see the part. The part's extent
+    along these axes is not seen, since its outline shows only the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
@@ -179,7 +179,7 @@ def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m:
 
 
 def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
-    """Return the least signed distance (n,) of the places (n, k, 3) of each ray."""
+    """Return, for each ray, the least signed distance (n,) of its places (n, k, 3) from the part's surface."""
     distance = _local_distance(places_m.reshape(-1, 3), fit).reshape(places_m.shape[:2])
     return np.asarray(distance.min(axis=1, initial=1.0))
 

@@ -31,7 +31,9 @@ HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline with
 # maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. Undisturbed frames
 # deviate by up to 10 %.
 BURST: Final = 1.3
-GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels exceeds the median by this; passers-by add less
+# minimum difference between a disturbed frame's share of pixels without a reading and the median share of all frames;
+# passers-by cause a smaller difference
+GONE: Final = 0.05
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
 # limits (yellow, red) of the share of pixels that gain or lose a reading between two frames; usual: 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
@@ -167,7 +169,9 @@ FACING: Final = 0.5
 # maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees), since the end of the
 # sensor's range also looks like a wall, at an angle below 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # m, a person's height; adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
+# m, limits of a person's height: below the first yellow, below the second or above the third red; adults have 1.4 to
+# 2.1 (sitting: 1.1 to 1.4)
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure

@@ -65,7 +65,9 @@ class OfCamera(NamedTuple):
 
 
 def level_of(value: float, yellow: float, red: float) -> Level:
-    """Return the level of a value: yellow or red above the limit of this name; NaN (not measured) is green."""
+    """Return the level of a value: red above the limit ``red``, else yellow above the limit ``yellow``, else green; NaN
+    (not measured) is green.
+    """
     return Level.RED if value > red else Level.YELLOW if value > yellow else Level.GREEN
 
 

@@ -204,7 +204,8 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels, maximum number at a border of a body that is not cut off there; even a hand has more
+# maximum number of the patient's pixels at an image border that does not cut off the body; even a hand has more
+CUT_PX: Final = 3
 SOMETIMES, MOSTLY = 0.1, 0.5  # share of frames that cut off the body (yellow, red); raised hands may be cut off
 NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")

@@ -110,8 +110,8 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """A sequence of paths in one folder that stores only names: 324,000 paths (an hour of three cameras) would take 0.2
-    GB.
+    """A sequence of paths in one folder that stores only the file names, since 324,000 whole paths (an hour of three
+    cameras) would take 0.2 GB of memory.
     """
 
     folder: Path
