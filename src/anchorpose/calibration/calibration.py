@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """A number that describes the accuracy of a camera's pose; what: name of this number, for users."""
+    """A number that describes the accuracy of a camera's pose; what: the number's name, as users read it."""
 
     what: str
     value: float
@@ -38,9 +38,9 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """The record of a camera's pose. sigma_m: standard deviation of the equipment's position relative to the camera
-    (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the camera's rotation; both
-    are None if unknown.
+    """The source and the accuracy of one camera's pose. sigma_m: standard deviation of the equipment's position
+    relative to the camera (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the
+    camera's rotation; both are None if unknown.
     """
 
     camera: str

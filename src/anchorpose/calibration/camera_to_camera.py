@@ -30,7 +30,8 @@ LEAST_MOMENTS: Final = 6
 # s, minimum duration of a recording. People walk too little in a shorter recording; a recording of 4 s gave a wrong
 # placement
 LEAST_SPAN_S: Final = 8.0
-PLACES: Final = 8  # number of search results that are refined; the correct result was always among the best three
+# number of placements from the search that are refined; the correct placement was always among the best three
+PLACES: Final = 8
 # maximum share of one camera's points on people that may lie where the other camera sees no people; correct placements
 # had 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
@@ -42,10 +43,10 @@ LEAST_COMMON: Final = 0.3
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation between two cameras: 0.3 degrees
-# factors on the limits of the residual and of the sigmas, used while the clocks are known only to 50 ms
+# factors by which the limits of the residual and of the sigmas are multiplied while the clocks are known only to 50 ms
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
-# m; if the second camera lies farther than this from its best place in another accepted placement, the choice is
-# ambiguous
+# m; the choice is ambiguous if the second camera's position in another accepted placement differs from its position in
+# the best placement by more than this
 DISTINCT_M: Final = 0.05
 
 CELL_M: Final = 0.1
@@ -59,7 +60,9 @@ BLUR_M: Final = (
 # number of yaw angles tried; a step of 3 degrees moves a person at a distance of 5 m by half a body's breadth
 TURNS: Final = 120
 BODY_M: Final = 0.1  # m, approximate distance from the visible skin of a trunk to the trunk's middle
-LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights of mapped points: above the floor's noise, below the ceiling
+# m above the floor, lowest and highest mapped points: the range lies above the noise of floor readings and below the
+# ceiling
+LOW_M, HIGH_M = 0.2, 2.2
 APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less than both limits are the same placement
 
 
@@ -67,7 +70,9 @@ APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less 
 class PlacingConfig:
     """Settings for placing cameras without poses relative to each other, by means of the people that they see."""
 
-    moments: Count = 24  # number of moments compared, spread over the recording so that people move between them
+    # number of moments (times with a frame of every camera) that are compared; they are spread over the recording, so
+    # that people move between them
+    moments: Count = 24
     step_px: Count = 3  # pixels; every third pixel of every third row is compared
 
 
@@ -96,8 +101,8 @@ class CameraLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraToCamera:
-    """The poses of all cameras, T_first_camera (4, 4) each, where the first is the identity; links: one for each camera
-    except the first.
+    """The poses of all cameras relative to the first camera, T_first_camera (4, 4) each, the identity for the first
+    camera; links: one for each other camera.
     """
 
     T_first_camera: tuple[np.ndarray, ...]
@@ -158,7 +163,9 @@ def place_cameras(
 
 
 def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
-    """Return frames, spread over the recording, in which all cameras have a depth frame of about the same time."""
+    """Return frame sets, spread over the recording, in which all cameras have a depth image, taken at about the same
+    time.
+    """
     pairs = pair_frames(recording)
     whole = np.flatnonzero((pairs >= 0).all(axis=1))
     if not len(whole):

@@ -23,7 +23,8 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-# m, edges of the height bands; the floor is below them, and nobody reaches above them
+# m above the floor, edges of the height bands; readings of the floor are below the lowest edge, and nobody reaches
+# above the highest edge
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
 # m, maximum change of a pixel's depth from a frame to the next but one. A larger change counts as this value, because
 # the pixel then shows another surface
@@ -38,7 +39,8 @@ LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the dur
 # correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
-# minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+# minimum correlation for a lag to count as certain; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up
+# to 0.42
 LEAST_PEAK: Final = 0.4
 CERTAIN_LEAD: Final = 2.0  # minimum ratio of the highest to the second peak for a lag to need no check by surfaces
 PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if no peak is certain
@@ -277,7 +279,9 @@ def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middle times of the blocks for the signals, the busiest first; blocks overlap by less than half."""
+    """Return the middle time of each block from which signals are computed, the block with most movement first; blocks
+    overlap by less than half.
+    """
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]

@@ -94,7 +94,7 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (ahead, drift) of each clock in turn (2 * cameras,), and the covariance of these values."""
+    """Return (ahead, drift) of one clock after the other (2 * cameras,), and the covariance of these values."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
@@ -117,7 +117,7 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
 # number of windows, spread over the whole recording, since a drift is measured by comparing lags from its beginning and
 # its end
 WINDOWS: Final = 10
-SPREAD: Final = 3  # step between the windows that are compared first, so that these windows already span the recording
+SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
@@ -183,7 +183,7 @@ class CameraClock:
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
     """All cameras' clocks, the reference camera's first; residual_s: root-mean-square difference between the measured
-    lags and the lags by these clocks, None without lags.
+    lags and the lags that follow from these clocks, None without lags.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -256,7 +256,8 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
     if not _is_confirmed(lags, count, len(first_s)):
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)
-        # a repeated movement also correlates at wrong lags; surfaces then agree only at the correct lag
+        # the signals of a repeated movement also correlate at wrong lags, but the surfaces agree only at the correct
+        # lag
         if _agreeing(others, count) >= _agreeing(lags, count):
             rough, lags = by_signals, others
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)

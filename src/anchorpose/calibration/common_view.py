@@ -1,7 +1,8 @@
-"""Compare the people that two cameras see at the same moments, to find the pose between the cameras.
+"""Compare the people that two cameras see at the same moments, to find the pose of one camera relative to the other.
 
-The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
-1992, doi:10.1016/0262-8856(92)90066-C).
+The pose is refined by point-to-plane least squares (Chen and Medioni 1992, doi:10.1016/0262-8856(92)90066-C). Points
+are paired by projective association in both directions: a point of one camera is paired with the point that the other
+camera sees at the pixel to which it projects.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.rotations import rigid
 
-NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
+NEARER_M: Final = 0.12  # m; a reading nearer than the room by more than this is a reading of a person
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
 # pixels, side of the window that adds a rim of 3 pixels to people; at a distance of 2 m, this rim is 2 cm wide, as far
@@ -27,12 +28,14 @@ RIM_PX: Final = 7
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
 WORST_CONDITION: Final = 1e9  # maximum condition number of the fit; beyond it, a rotation or a shift is undetermined
 SAME_WAY: Final = 0.8  # minimum cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust standard deviations; larger residuals lose weight
+HUBER: Final = 1.5  # limit in robust standard deviations; residuals above it lose weight
 LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine from normal to ray."""
+    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine of the angle between
+    normal and ray.
+    """
 
     step_m: float
     least_facing: float
@@ -254,7 +257,7 @@ class ShownByBoth:
     plane: np.ndarray
 
     def away_m(self) -> np.ndarray:
-        """Return the distance (n,) of each point from the plane of the target's point."""
+        """Return the distance (n,) of each point from the plane through the target's point at the same pixel."""
         return np.asarray(np.abs(np.einsum("ij,ij->i", self.plane, self.points_m - self.there_m)))
 
     def is_one_surface(self, gate_m: float) -> np.ndarray:

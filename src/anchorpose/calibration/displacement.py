@@ -49,7 +49,7 @@ class Displacement:
     """How far two cameras' poses displace common surfaces. off_m: distance by which the fitted pose moves the people
     or, without people, the room. If the fitted pose is not better than the given poses, off_m is the median distance
     between the two cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if
-    the surfaces do not fit closely enough.
+    the fitted pose is not better or the surfaces do not fit closely enough.
     """
 
     off_m: float
@@ -77,8 +77,9 @@ def common_surfaces(
 
 
 def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
-    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine it, or most of
-    what both cameras should show is not one surface, neither by the given nor by the fitted pose.
+    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine this distance, or
+    if most points that both cameras should show do not lie on a common surface, neither by the given nor by the fitted
+    pose.
 
     first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
     degrees of freedom, with Huber's weights.

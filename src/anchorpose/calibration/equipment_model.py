@@ -12,9 +12,12 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 from anchorpose.rotations import rigid, rotation_about_y
 
-MARGIN_PX: Final = 6  # pixels, rim around the equipment that is rendered too, so that readings there are compared
-SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
-JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
+# pixels, width of the rim around the equipment that is rendered too, so that readings beside the equipment are compared
+MARGIN_PX: Final = 6
+# number of rays cast between two pixels to find the outline, which is then precise to a sixteenth of a pixel
+SUBPIXEL: Final = 8
+# m, minimum step of depth between neighbouring pixels that shows that one part ends in front of another
+JUMP_M: Final = 0.08
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +167,8 @@ SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
 # m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
-# pixels. But they are so near that, if the equipment is tried inside a wall, the points lie in the wall, too
+# pixels (readings between an edge and its background). But they are so near that, if the equipment is tried inside a
+# wall, the points lie in the wall, too
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5

@@ -46,7 +46,8 @@ LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part
 # inside a wall, readings continue along the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
-MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen from a predicted edge; edges often have an error of one pixel
+# px, maximum distance between a seen edge and the predicted edge; seen edges often have an error of one pixel
+MOST_OFF_PX: Final = 2.0
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
@@ -155,10 +156,9 @@ def _nothing_in_image(parts: int) -> PartEvidence:
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden points. The first is the share, among points at which the part is
-    seen, of points where the surface continues beyond the outline. This happens if the part lies inside a wall or the
-    floor, or if a person leans on it. The second is the share, among all points, of points where the surface ends as
-    predicted.
+    """Return two shares of the outline's unhidden points. First, among the points at which the part is seen: the share
+    at which the surface continues beyond the outline. This happens if the part lies inside a wall or the floor, or if a
+    person leans on the part. Second, among all these points: the share at which the surface ends as predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -195,7 +195,8 @@ def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose |
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
-LEAST_LEAD: Final = 0.9  # minimum score of an accepted pose, as a share of the best score of any pose, accepted or not
+# minimum ratio of the best accepted pose's score to the best score of all poses, accepted or rejected
+LEAST_LEAD: Final = 0.9
 RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
 # m; if the model's lowest point is farther than this from its plane Y = 0, both heights are tried as the floor's height
@@ -214,7 +215,7 @@ class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
 
-    Both sigmas include the systematic error of a camera, since it does not become smaller with more pixels.
+    Both sigmas include the systematic error of a camera, since this error does not become smaller with more pixels.
     """
 
     fit: Refined
@@ -252,8 +253,8 @@ def find_equipment(
 ) -> EquipmentPose | NoEquipmentPose:
     """Search, refine and check the pose; for symmetric equipment, the result may be any of the equivalent poses.
 
-    The floor determines the vertical and the height: the model's lowest point or its Y = 0 is assumed to lie on the
-    floor.
+    The floor determines the vertical and the height: the model's lowest point or the plane Y = 0 of its frame is
+    assumed to lie on the floor.
     """
     if equipment.symmetry.round:
         return NoEquipmentPose(NoPose.ROUND)

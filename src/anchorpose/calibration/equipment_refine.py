@@ -19,7 +19,7 @@ from anchorpose.rotations import rigid
 # reads the bar in six of ten frames
 MOSTLY: Final = 0.4
 STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a depth camera, the same in all its frames
-# px, standard deviation of the place of one outline point, due to edge pixels that read the background
+# px, standard deviation of the position of one outline point, due to edge pixels that read the background
 OUTLINE_SIGMA_PX: Final = 0.6
 # number of least-squares rows of surface readings that together count as one observation, since neighbouring readings
 # share the camera's error
@@ -56,7 +56,9 @@ class StillView:
 
     @cached_property
     def still_m(self) -> np.ndarray:
-        """Return the still surface (height, width) float32 in the frames, 0 = unknown."""
+        """Return the depth (height, width) float32 of the surface that stays in the frames (``what_stays``), 0 =
+        unknown.
+        """
         return what_stays(self.frames_m, self.noise_per_m)
 
     @property

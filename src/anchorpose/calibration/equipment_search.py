@@ -17,7 +17,8 @@ from anchorpose.rotations import rigid, rotation_about_y
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
 LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
-RADIUS_M: Final = 0.5  # m from the equipment's centre, where steps of rotation and of shift move points equally far
+# m; at this distance from the equipment's centre, a step of rotation moves a point as far as a step of shift
+RADIUS_M: Final = 0.5
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
@@ -247,7 +248,8 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
     for down, right in ((0, 1), (1, 0)):
         one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # along a plane, 1/z is linear, not z
+            # in the image of a plane, 1/z changes linearly with the pixel, z does not
+            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z
         flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
     weight[row[flat], column[flat]] = BROAD_WEIGHT
@@ -330,8 +332,8 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
-    # at a bar's ends, neighbouring directions differ by a cell, so a correctly placed bar may lie in a neighbouring
-    # cell
+    # two neighbouring tried directions displace a bar's ends by a cell, so a correctly placed bar may lie in a free
+    # cell beside the bar's readings; such cells count as unknown
     beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
     space[beside] = UNKNOWN
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]
@@ -352,7 +354,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Return the index of the first place, the best, in each group of neighbouring places; at most ``STARTS``."""
+    """Return the index of the first (best) place of each group of neighbouring places; at most ``STARTS`` indices."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

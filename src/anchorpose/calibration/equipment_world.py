@@ -45,7 +45,8 @@ LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as
 # if the camera reads something behind more than this share of the equipment that nothing hides, the equipment is not in
 # the assumed place, and is searched for on the whole floor
 DOUBT_SHARE: Final = 0.2
-GONE_SHARE: Final = 0.4  # if more than this share of the unhidden equipment is seen through, it is gone
+# if more than this share of the unhidden equipment is seen through, the equipment counts as gone
+GONE_SHARE: Final = 0.4
 # m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from the place where it should
 # be according to a given pose. A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of
 # 2.5 m.

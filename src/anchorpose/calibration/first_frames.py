@@ -151,14 +151,17 @@ FLATNESS_M: Final = 0.003
 # makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each tolerance
-# rad (50 degrees), maximum angle between the verticals of camera and floor; cameras look down, but hardly roll
+# rad (50 degrees), maximum angle between the camera's upward direction and the floor's normal; cameras look down, but
+# hardly roll
 WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
 # people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of the
 # plane: these points are shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # maximum ratio of points below to points on the floor; mirrors and flying pixels cause a few
+# maximum ratio of the number of points below the floor to the number of points on it; mirrors and flying pixels cause a
+# few points below the floor
+MOST_BELOW: Final = 0.1
 # maximum share of the moving points that may be below the floor; below a table top, it is a third (a person's legs)
 MOST_SUNK: Final = 0.05
 # m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
@@ -303,8 +306,8 @@ def _vote(
     """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
     if no plane is a floor.
 
-    Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h perpendicular to the floor,
-    where h is the height of the camera.
+    Depth noise of a z^2 along a ray displaces a point on the floor by only a z h perpendicular to the floor, where h is
+    the height of the camera, since the ray meets the floor at a grazing angle.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)

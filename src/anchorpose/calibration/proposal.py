@@ -28,8 +28,8 @@ SNAP_RAD: Final = np.radians(10.0)
 # more, the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-# m; if the readings of a part with axes along the common directions spread about its surface by less, these axes are
-# kept
+# m; a part whose axes lie along the common directions keeps these axes if its readings spread about its surface by less
+# than this
 WELL_M: Final = 0.006
 # m, maximum spread of a part's readings about its surface; a part with a larger spread is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012

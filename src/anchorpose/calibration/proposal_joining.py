@@ -26,7 +26,7 @@ TO_FLOOR_M: Final = 0.12
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
-    """Extend a bar as far as readings continue in its cross-section.
+    """Extend a bar at both ends as far as readings continue within its cross-section.
 
     free (n,) bool: readings that do not belong to another part. A bar is extended across readings of other parts, too,
     so that a runner continues behind the post on it. But a bar never ends in such readings.

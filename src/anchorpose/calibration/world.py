@@ -165,7 +165,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """Return a doubt about the camera whose floor height differs most, if cameras disagree on the floor's height."""
+    """Return a doubt about the camera whose floor height differs most (about both, if only two cameras see the floor),
+    if the cameras disagree on the floor's height.
+    """
     if len(heights_m) < 2:
         return []
     values = np.array(list(heights_m.values()))

@@ -161,7 +161,8 @@ class Recording:
     backgrounds_m: tuple[np.ndarray | None, ...]
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
-    notes: tuple[str, ...] = ()  # sentences on content that is not used, and those of the recorder or converter
+    # sentences on content that is not used, and sentences that the recorder or converter wrote
+    notes: tuple[str, ...] = ()
     # first and last recorded time of the first camera in recording.json if this camera was left out, else None
     left_out_s: tuple[float, float] | None = None
 
