@@ -67,7 +67,7 @@ class DoubtSource(StrEnum):
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
     EQUIPMENT = "equipment"
-    CAMERAS = "cameras"  # another camera that sees the same surfaces
+    CAMERAS = "cameras"  # what another camera sees of the same surfaces
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,9 +168,9 @@ LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unl
 LEAST_FRAMES: Final = 8  # minimum number of frames in a window: the frames of a camera at 4 Hz in ``WINDOW_S``
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # number of moments compared per part of the recording in ``busiest_times``
+PLACES: Final = 4  # number of times in each part of the recording at which ``busiest_times`` measures movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # s, time between the two frames whose difference is the amount of movement
+APART_S: Final = 0.2  # s, time between the two frames whose difference measures the amount of movement
 # m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
 # value, since it shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
@@ -202,7 +202,7 @@ class RoughLag:
     certain: bool = False
 
 
-REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to itself
+REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the lag of the first camera relative to itself
 
 
 def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:

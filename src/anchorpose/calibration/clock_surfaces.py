@@ -27,7 +27,8 @@ OPENED_PX: Final = 5
 # number of frames from which a pixel's noise is computed, by a median; with this number, the computed noise has an
 # error of a quarter of its value
 NOISE_FRAMES: Final = 16
-SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
+# number of frames, spread over a clip, by which the range of a pixel's depth over time is measured
+SPREAD_FRAMES: Final = 8
 
 # pixels, spacing of the grid of points. Not every pixel is used, since errors of neighbouring pixels are correlated;
 # with this spacing, a body has 1700 points

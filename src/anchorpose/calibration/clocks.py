@@ -85,7 +85,9 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """Return (2 * cameras,): the derivative of the lag by (ahead, drift) of each clock; 0 for the first camera."""
+    """Return the least-squares row of one lag, (2 * cameras,): the derivatives of the lag by the offset (ahead) and the
+    drift of each clock, one clock after the other; 0 for the first camera.
+    """
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s

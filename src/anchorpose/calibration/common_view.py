@@ -177,7 +177,7 @@ def points_with_normals(
 
 
 def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return Huber's weights (n,) of residuals, and the robust deviation that scales them."""
+    """Return Huber's weights (n,) of residuals, and their scale: the robust standard deviation of the residuals."""
     spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
     return 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread)), spread
 

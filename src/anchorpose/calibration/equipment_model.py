@@ -36,7 +36,7 @@ class Rendering:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Return the window's slices in the whole image."""
+        """Return the slices of rows and columns that cut the window out of the whole image."""
         height, width = self.depth_m.shape
         return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
@@ -123,7 +123,7 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which rays hit equipment at
+        """Return (n,): the share of the rays between ray ``here`` and ray ``there`` (n, 2) that hit the equipment at
         about ``depth_m``, the depth at ``here``.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
@@ -235,7 +235,7 @@ def prepare_equipment(model: EquipmentModel) -> Equipment:
 
 
 def sample_equipment(model: EquipmentModel) -> EquipmentSamples:
-    """Sample the model; the same model always gives the same points."""
+    """Draw points on and beside the model's surface; the same model always gives the same points."""
     rng = np.random.default_rng(0)
     corners = [vertices[faces] for vertices, faces in (part.triangles() for part in model.parts)]
     areas = [_areas(part_corners).sum() for part_corners in corners]

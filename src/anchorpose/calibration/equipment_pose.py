@@ -229,12 +229,14 @@ class EquipmentPose:
 
     @property
     def sigma_rad(self) -> float:
-        """Return the standard deviation of the angle, in its worst direction."""
+        """Return the standard deviation of the equipment's rotation, about the axis about which it is largest."""
         return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[:3, :3])[-1]), STEADY_RAD))
 
     @property
     def sigma_m(self) -> float:
-        """Return the standard deviation of the position of the equipment's centre, in its worst direction."""
+        """Return the standard deviation of the position of the equipment's centre, in the direction in which it is
+        largest.
+        """
         return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[3:, 3:])[-1]), STEADY_ERROR_M))
 
 

@@ -27,7 +27,7 @@ SURFACE_ROWS_PER_OBSERVATION: Final = 40.0
 # number of least-squares rows of outline points that together count as one observation, since neighbouring points share
 # the error of their part
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0
-ROBUST: Final = 2.5  # sigmas beyond which residuals lose weight
+ROBUST: Final = 2.5  # sigmas, scale of the robust weights, which decrease with the size of a residual
 # minimum cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
 LEAST_COSINE: Final = 0.15
 
@@ -63,7 +63,9 @@ class StillView:
 
     @property
     def range_m(self) -> float:
-        """Return the largest depth read, in metres. Missing readings beyond it do not show that equipment is absent."""
+        """Return the largest depth read, in metres. Missing readings beyond this depth do not show that equipment is
+        absent.
+        """
         return float(self.frames_m.max())
 
 

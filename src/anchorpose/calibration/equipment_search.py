@@ -16,13 +16,15 @@ from anchorpose.lens import lens_array, pixel_of_ray
 from anchorpose.rotations import rigid, rotation_about_y
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
-LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
+# m, minimum depth of cells and points that are compared; no depth camera measures nearer than this
+LEAST_Z_M: Final = 0.3
 # m; at this distance from the equipment's centre, a step of rotation moves a point as far as a step of shift
 RADIUS_M: Final = 0.5
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
-FARTHEST_M: Final = 7.0  # m; no depth camera sees a bar from farther away
+# m, maximum extent of the coarse map away from the camera; no depth camera sees a bar from farther away
+FARTHEST_M: Final = 7.0
 THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest step of the refinement
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
@@ -71,8 +73,8 @@ def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 
 @nb.njit(cache=True)
 def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) -> np.ndarray:
-    """Map the space above the floor: (y, x, z) int8, the state of each cell by the pixels around its projection into
-    the depth image.
+    """Return a map of the space above the floor, (y, x, z) int8. The state of each cell follows from the pixels around
+    the cell's projection into the depth image.
 
     counts: numbers of cells along y, x, z; x starts at -wide_m.
     """
@@ -268,7 +270,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
     starts = _coarse(image, view.camera, samples, lowest_m)
     if not len(starts):
         return []
-    starts[:, 2] += samples.centre_m[1]  # now the height of the equipment's centre above the floor
+    starts[:, 2] += samples.centre_m[1]  # this column is now the height of the equipment's centre above the floor
     surface, outside = samples.surface_m - samples.centre_m, samples.outside_m - samples.centre_m
     for tolerance in TOLERANCES_M:
         last = tolerance == TOLERANCES_M[-1]

@@ -162,7 +162,8 @@ LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; 
 # maximum ratio of the number of points below the floor to the number of points on it; mirrors and flying pixels cause a
 # few points below the floor
 MOST_BELOW: Final = 0.1
-# maximum share of the moving points that may be below the floor; below a table top, it is a third (a person's legs)
+# maximum share of the moving points that may be below the floor; if a table top is taken for the floor, a third of the
+# points (a person's legs) is below it
 MOST_SUNK: Final = 0.05
 # m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
 # tilted plane
@@ -303,8 +304,8 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
-    if no plane is a floor.
+    """Return the plane (4,) (up, height) for which the number of points on it, minus the number of points below it, is
+    largest; None if no plane is a floor.
 
     Depth noise of a z^2 along a ray displaces a point on the floor by only a z h perpendicular to the floor, where h is
     the height of the camera, since the ray meets the floor at a grazing angle.

@@ -349,7 +349,7 @@ def _depth_contradicts(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Ca
 
 
 def _information(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return the information matrix (6, 6) of a step of ``_moved``."""
+    """Return the information matrix (6, 6), the inverse of the covariance, of a small step of the pose (``_moved``)."""
     jacobian = least_squares(lambda x: _rows(_moved(T_camera_world, x), seen, camera), np.zeros(6), max_nfev=1).jac
     return np.asarray(jacobian.T @ jacobian)
 

@@ -30,7 +30,8 @@ PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge
 # sine of 24 degrees; a part's extent along an axis counts as unseen if the angle from axis to line of sight is smaller.
 # At this angle, a 5 cm bar shows three pixels of its side
 ASLANT: Final = 0.4
-ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
+# factor on the residual of the assumption that a bar is square, or a plate thin, if no camera sees a side
+ASSUMED: Final = 20.0
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if no camera sees the end
 # maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. It is above 1, since

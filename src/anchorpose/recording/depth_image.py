@@ -129,7 +129,8 @@ def largest_png(width: int, height: int) -> int:
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
+    """Return the grey values (height, width) uint16 of a PNG file and an empty text; for an unusable file, None and the
+    problem.
 
     The decoder gets only the chunks of a still image, because from all chunks of an animated PNG it would mix several
     frames.
