@@ -209,7 +209,8 @@ def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: 
     """Return, for each of ``windows`` equal parts of the recording, the time on the reference camera's clock with most
     movement, and the amount of this movement (m^3).
 
-    Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
+    In each part of ``span_s``, movement is measured at ``PLACES`` times, from two frames each; a part without frames
+    has no entry.
     """
     edges = np.linspace(*span_s, windows + 1)
     found = []
@@ -335,7 +336,9 @@ def _between(frames: RecordedFrames, camera: int, begin_s: float, end_s: float) 
 def _best_by_surfaces(
     frames: RecordedFrames, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """Return the lag at which this camera's surfaces fit the reference camera's best; None if no lag can be tested."""
+    """Return the lag at which this camera's surfaces fit the surfaces of the reference camera best; None if no lag can
+    be tested.
+    """
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]

@@ -43,7 +43,8 @@ ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth over four frames (1.5 
 # minimum cosine of the angle between a surface's normal and the ray, in both cameras; at flatter angles, readings are
 # imprecise
 LEAST_FACING: Final = 0.3
-PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
+# pixels, side of the image patches whose mean residual is subtracted; at a distance of 2 m, a patch is 10 cm wide
+PATCH_PX: Final = 24
 # s, duration of the chunks of time into which residuals are divided for the lag's standard error; errors of residuals
 # in one chunk are correlated
 CHUNK_S: Final = 0.25
@@ -211,8 +212,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     outer two frames, and from the inner two frames.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
-    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth, so
-    it would pull the lag towards the middle between two frames.
+    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth;
+    multiplied by this rate, the differences would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s

@@ -342,7 +342,7 @@ def _camera_clock(
     if rough is None or not rough.certain:
         doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=doubt)
-    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # 0 is within the error of the lag: nothing contradicts the time stamps
+    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # the lag is 0 within its error, so nothing contradicts the time stamps
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=NoClock.UNSURE)
     clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)
     return CameraClock(name, clock, ClockSource.SIGNALS, SIGNAL_SIGMA_S, None, lags)

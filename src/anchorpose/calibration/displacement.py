@@ -34,7 +34,8 @@ LEAST_SURFACE_PAIRS: Final = 500
 LEAST_SUPPORT: Final = 0.02
 # m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
 STEP_M, STEP_RAD = 0.1, 0.2
-# m, maximum distance of points on one surface when the misfits of the fitted and of the given pose are computed
+# m, maximum distance between two cameras' points that count as on one surface, when the misfits of the fitted and of
+# the given pose are computed
 COMPARED_M: Final = 0.15
 # maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
 # only slides surfaces along themselves does not change the misfit
@@ -113,8 +114,9 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
     """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
-    All points count that both cameras should show. A point whose surface is not within ``COMPARED_M`` in the other
-    camera is infinitely far away, so the result is infinite unless at least half of the points are on one surface.
+    The median is taken over all points that both cameras should show. A point whose surface is not within
+    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless at least half of the
+    points are on one surface.
     """
     moments = range(1, len(first.seen)) if _anybody(first) or _anybody(second) else range(1)
     found = [np.empty(0)]

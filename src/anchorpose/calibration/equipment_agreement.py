@@ -35,7 +35,7 @@ MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that ano
 # minimum difference between two poses of symmetric equipment, in the share of a camera's points that another camera
 # sees through. The pose with the smallest share is accepted only if all others have a share larger by at least this
 LEAST_LEAD: Final = 0.15
-LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
+LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, "

@@ -175,7 +175,9 @@ STEP_DEG: Final = 5
 # m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape. The standing frames of
 # two clinics differ by more than this, so they are not confused
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # m; if the equipment changes by less under a rotation, the search may confuse the two directions
+# m; if the equipment coincides with itself within this distance after a rotation, the search may confuse the two
+# directions
+ALIKE_M: Final = 0.10
 TRIED_POINTS: Final = 400
 ROUND_SHARE: Final = 0.9  # minimum share of all tested rotations after which round equipment coincides with itself
 

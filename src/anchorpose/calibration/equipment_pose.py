@@ -42,8 +42,8 @@ MOST_THROUGH_OF_PART: Final = 0.35
 # wall behind it out of range
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part to be judged
-# maximum share of the seen outline beyond which readings may continue at the same depth. If the equipment is tried
-# inside a wall, readings continue along the whole outline
+# maximum share of the seen outline's points at which readings may continue beyond the outline at the same depth. If the
+# equipment is tried inside a wall, readings continue along the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
 # px, maximum distance between a seen edge and the predicted edge; seen edges often have an error of one pixel
@@ -205,7 +205,7 @@ TWO_HEIGHTS_M: Final = 0.03
 
 @settings
 class EquipmentPoseConfig:
-    """Settings of how closely readings must lie on the equipment's surface."""
+    """Settings for checking a pose: how closely readings must lie on the equipment's surface."""
 
     tolerance_m: Positive = 0.015  # m, maximum distance of a reading from the surface, as in the refinement's last step
 

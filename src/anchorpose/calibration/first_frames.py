@@ -76,7 +76,9 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a body is thicker
+# m; readings nearer than the room by more than this are on people or objects in front of it; a body is thicker than
+# this
+NEARER_M: Final = 0.15
 # limits for an image from which the room was removed: ALONE_SHARE is the maximum share of its pixels with readings,
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
@@ -277,10 +279,10 @@ def find_floor(
 
     depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
-    upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
-    Then the plane is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to
-    three standard deviations of the inliers' distances. Otherwise the foot of a wall, which is among the first inliers,
-    would tilt the plane.
+    upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the smaller tolerance of
+    ``TOLERANCES_M`` and, if no plane is found, with the larger tolerance. Then the plane is fitted by weighted least
+    squares to the inliers. The maximum distance of an inlier shrinks to three standard deviations of the inliers'
+    distances. Otherwise the foot of a wall, which is among the first inliers, would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]

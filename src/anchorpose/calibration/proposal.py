@@ -134,8 +134,8 @@ def propose_equipment(
     """Propose boxes and tubes that fit the objects in the cylinder ``region`` of the empty room.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side of a bar
-    that no camera sees is placed so that the bar is square. The length from this side to the opposite side is then
-    named in ``guessed``.
+    that no camera sees is placed so that the bar is square. The name of the length from this side to the opposite side
+    is then listed in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -204,8 +204,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """Return the rotation with axes along the common directions that is nearest to the given rotation; the given
-    rotation if none is within ``SNAP_RAD``.
+    """Return a rotation with axes along the common directions: its last axis is the common direction nearest to the
+    last axis of the given rotation. If these two axes differ by more than ``SNAP_RAD``, return the given rotation.
     """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
