@@ -62,8 +62,8 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
     The lag that deviates most from the fitted clocks is removed, and the fit repeated, as long as this lag deviates by
-    more than ``OUTLIER_GATE`` standard deviations. The standard errors increase with the scatter of the remaining lags.
-    Raises ValueError without lags.
+    more than ``OUTLIER_GATE`` standard deviations and more than ``OUTLIER_GATE`` times the median deviation. The
+    standard errors increase with the scatter of the remaining lags. Raises ValueError without lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")

@@ -86,7 +86,7 @@ ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 # such recordings the share is 1.0. In images with the room, it is 0.2 if the camera's range ends at 3 m, and 0.65 if
 # five people fill the image
 ALONE_PEOPLE: Final = 0.6
-FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
+FRAMES_NEEDED: Final = 8  # minimum number of frames for a percentile of a pixel's readings over time to be meaningful
 USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
 
 
