@@ -67,14 +67,14 @@ class DoubtSource(StrEnum):
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
     EQUIPMENT = "equipment"
-    CAMERAS = "cameras"  # what another camera sees of the same surfaces
+    CAMERAS = "cameras"  # another camera's view of the same surfaces
 
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
     """A contradiction between camera poses and what the cameras see, stated in one sentence. off_m: distance by which
-    wrong poses displace the surfaces that the cameras see, NaN where unknown. refuted: True if the contradiction is
-    larger than noise, or poses measured by tape, can cause; tracking is then refused.
+    wrong poses displace the surfaces that the cameras see, NaN where unknown. refuted: True if neither noise nor the
+    errors of a tape measure can cause so large a contradiction; tracking is then refused.
     """
 
     source: DoubtSource

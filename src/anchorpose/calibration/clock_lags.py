@@ -135,7 +135,7 @@ def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
 
 def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
     """Correlate x with y at a lag of ``shift`` steps; NaN if they overlap in fewer than ``least`` steps, or if x or y
-    is 0 there.
+    is 0 in the whole overlap.
     """
     begin, end = max(0, -shift), min(len(x), len(y) - shift)
     if end - begin < least:
@@ -178,8 +178,9 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``; at_s:
-    the time of this lag, on the reference clock (the clock of camera 0).
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, relative
+    to the pair's rough lag (see ``fine_lags``); at_s: the time of this lag, on the reference clock (the clock of camera
+    0).
     """
 
     first: int
@@ -245,8 +246,9 @@ def rough_lags(
     frames: RecordedFrames, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
     """Return each camera's lag, found from signals of motion; None if no lag is found. If no lag of a camera is
-    certain, the camera's best lags are compared, and the lag at which both cameras' surfaces fit best is chosen. If a
-    certain lag contradicts the time stamps, surfaces decide in the same way between this lag and the time stamps.
+    certain, the camera's best lags and the lag by the time stamps are compared, and the lag at which the camera's
+    surfaces fit the reference camera's surfaces best is chosen. If a certain lag contradicts the time stamps, surfaces
+    decide in the same way between this lag and the time stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]

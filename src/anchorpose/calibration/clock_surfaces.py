@@ -39,7 +39,9 @@ MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; sma
 MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth over four frames (1.5 m/s at 30 Hz); a passing edge exceeds it
+# m, maximum change of a pixel's depth if the pixel shows one surface: over four consecutive frames, which span 0.1 s at
+# 30 Hz (so 1.5 m/s), and over a whole clip in ``_moving``; a passing edge exceeds it
+ONE_SURFACE_M: Final = 0.15
 # minimum cosine of the angle between a surface's normal and the ray, in both cameras; at flatter angles, readings are
 # imprecise
 LEAST_FACING: Final = 0.3
@@ -183,8 +185,8 @@ def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m:
 
 
 def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit normals (m, 3), camera frame, at ``moving`` pixels of a grid; a pixel is used if its
-    neighbours lie on the same surface.
+    """Return points and unit normals (m, 3), camera frame, at ``moving`` pixels of a grid; a pixel is used if it lies,
+    with its neighbours, on one surface that faces the camera.
     """
     inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
     rows, columns = (grid.ravel() for grid in np.mgrid[*inner])
@@ -212,8 +214,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     outer two frames, and from the inner two frames.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
-    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth;
-    multiplied by this rate, the differences would pull the lag towards the middle between two frames.
+    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth, so
+    differences multiplied by this rate would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s

@@ -62,8 +62,9 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
     The lag that deviates most from the fitted clocks is removed, and the fit repeated, as long as this lag deviates by
-    more than ``OUTLIER_GATE`` standard deviations and more than ``OUTLIER_GATE`` times the median deviation. The
-    standard errors increase with the scatter of the remaining lags. Raises ValueError without lags.
+    more than ``OUTLIER_GATE`` standard deviations and more than ``OUTLIER_GATE`` times the median deviation, and more
+    than two lags remain. The standard errors increase with the scatter of the remaining lags. Raises ValueError without
+    lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -116,15 +117,15 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-# number of windows, spread over the whole recording, since a drift is measured by comparing lags from its beginning and
-# its end
+# maximum number of windows, spread over the whole recording, since a drift shows in the difference between the lags at
+# the recording's beginning and at its end
 WINDOWS: Final = 10
 SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
-# minimum for each of two shares: the share of the compared windows that give a lag of a camera, and the share of all
-# lags that agree with the fitted clocks
+# minimum for each of two shares: for every camera, the share of the compared windows that give a lag of this camera
+# which is not an outlier; and the share of all lags that are not outliers
 AGREEING: Final = 0.75
 # s, maximum rms residual of lags that count as agreeing; a sixth of the time between two frames at 15 Hz
 APART_S: Final = 0.01
@@ -253,8 +254,8 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
     first_s = times_s[:CONFIRMING]
     if None not in rough:
         lags = fine_lags(frames, rough, first_s)
-    # if no lags are confirmed, the time stamps are from different clocks, or both cameras see too little movement in
-    # common
+    # if the lags are not confirmed, either the time stamps are from different clocks, or the cameras see too little
+    # movement in common
     if not _is_confirmed(lags, count, len(first_s)):
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)

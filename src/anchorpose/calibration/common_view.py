@@ -2,7 +2,7 @@
 
 The pose is refined by point-to-plane least squares (Chen and Medioni 1992, doi:10.1016/0262-8856(92)90066-C). Points
 are paired by projective association in both directions: a point of one camera is paired with the point that the other
-camera sees at the pixel to which it projects.
+camera sees at the pixel to which the first point projects.
 """
 
 from __future__ import annotations
@@ -274,8 +274,8 @@ class ShownByBoth:
 
 
 def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndarray, moment: int) -> ShownByBoth:
-    """Return the points of the source (only points marked as ``person``) in the frame with index ``moment``, as far as
-    the target shows a surface at the same pixel.
+    """Return the source's points in the frame with index ``moment`` at whose pixels the target also shows a surface.
+    Only points marked as ``person`` are used.
     """
     seen = source.seen[moment]
     points = transform_points(T_target_source, seen.points_m[seen.person])

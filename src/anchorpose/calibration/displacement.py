@@ -79,8 +79,8 @@ def common_surfaces(
 
 def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
     """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine this distance, or
-    if most points that both cameras should show do not lie on a common surface, neither by the given nor by the fitted
-    pose.
+    if, at the given pose as well as at the fitted pose, at least half of the points that both cameras should show are
+    not on a common surface.
 
     first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
     degrees of freedom, with Huber's weights.
@@ -115,7 +115,7 @@ def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -
     """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
     The median is taken over all points that both cameras should show. A point whose surface is not within
-    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless at least half of the
+    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless more than half of the
     points are on one surface.
     """
     moments = range(1, len(first.seen)) if _anybody(first) or _anybody(second) else range(1)

@@ -290,8 +290,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Test every rotation of the equipment about the vertical, in steps of ``STEP_DEG``, through two centres: the
-    centre of the bounding box, and the centre of the surface.
+    """Test rotations of the equipment, in steps of ``STEP_DEG``, about two vertical axes: one through the centre of the
+    bounding box, one through the centre of the surface.
 
     For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
     mixes round and square tubes the sampled centre of the surface is shifted.

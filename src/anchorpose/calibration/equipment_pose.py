@@ -158,7 +158,7 @@ def _nothing_in_image(parts: int) -> PartEvidence:
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
     """Return two shares of the outline's unhidden points. First, among the points at which the part is seen: the share
     at which the surface continues beyond the outline. This happens if the part lies inside a wall or the floor, or if a
-    person leans on the part. Second, among all these points: the share at which the surface ends as predicted.
+    person leans on the part. Second, among all unhidden points: the share at which the surface ends as predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)

@@ -124,8 +124,9 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Return point-to-plane rows of the least-squares system, one row per pixel inside a part. Only pixels are used
-    that read the part more often than a surface behind it.
+    """Return point-to-plane rows of the least-squares system, one row per used pixel inside a part. A pixel is used if
+    it reads the part in more frames than a surface behind the part, and if the angle of incidence is not too flat
+    (``LEAST_COSINE``).
     """
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m

@@ -250,7 +250,7 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
     for down, right in ((0, 1), (1, 0)):
         one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            # in the image of a plane, 1/z changes linearly with the pixel, z does not
+            # in the image of a plane, 1/z changes linearly with the pixel, while z does not
             between = (one * other / (one + other)).astype(np.float64) * 2.0 - z
         flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
@@ -334,7 +334,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
-    # two neighbouring tried directions displace a bar's ends by a cell, so a correctly placed bar may lie in a free
+    # from one tried direction to the next, a bar's ends move by a cell, so a correctly placed bar may lie in a free
     # cell beside the bar's readings; such cells count as unknown
     beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
     space[beside] = UNKNOWN

@@ -96,8 +96,8 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return, as a movement, how far the equipment is seen from its place according to the camera's given pose; None if
-    the camera does not contradict this place.
+    """Return the difference between the place where the camera sees the equipment and its place according to the
+    camera's given pose, as a movement; None if the frames do not contradict the given pose.
     """
     frames, _ = inputs.frames_of(index)
     if not frames:
@@ -290,10 +290,10 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """Refine the pose again with all cameras' common floor, on the frame of the empty room (if given) and all frames
-    that show the equipment in this place. If the refined pose is not accepted, try again on the frame of the empty room
-    alone, then with the wider ``standing_prior`` on the frames in which the equipment was found. If no refined pose is
-    accepted, return the earlier pose.
+    """Refine the pose again with all cameras' common floor, on all frames that show the equipment in this place
+    and, if the equipment was found in it, the frame of the empty room. If the refined pose is not accepted, try again
+    on the frame of the empty room alone, then with the wider ``standing_prior`` on the frames in which the equipment
+    was found. If no refined pose is accepted, return the earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

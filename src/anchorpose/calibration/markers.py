@@ -341,7 +341,7 @@ def _depth_contradicts(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Ca
     for marker, off_m in _depth_off_m(points, seen).items():
         x, y, _ = points[seen.marker == marker].mean(axis=0)
         by_pose = np.array([y, -x, 0.0, 0.0, 0.0, 1.0])  # derivative of the marker's depth by a step of ``_moved``
-        # the variance of a single reading, since readings on one marker share an error
+        # the readings' variance is not divided by their number, since readings on one marker share an error
         variance = DEPTH_SIGMA_M**2 + by_pose @ covariance @ by_pose
         if np.median(off_m) ** 2 > CONTRADICTION_CHI2 * variance:
             return True

@@ -55,8 +55,8 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """The proposed parts, by name. explained_share: share of the readings on free-standing objects that lie within 15
-    mm of a part's surface.
+    """The proposed parts, sorted by kind. explained_share: share of the readings on free-standing objects that lie
+    within 15 mm of a part's surface.
     """
 
     parts: tuple[ProposedPart, ...]
@@ -205,7 +205,8 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
     """Return a rotation with axes along the common directions: its last axis is the common direction nearest to the
-    last axis of the given rotation. If these two axes differ by more than ``SNAP_RAD``, return the given rotation.
+    last axis of the given rotation, apart from the sign. If these two axes differ by more than ``SNAP_RAD``, return the
+    given rotation.
     """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)

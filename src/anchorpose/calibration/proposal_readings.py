@@ -17,8 +17,8 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-# sigmas of the noise in the height of floor readings; readings higher by more than this and a tolerance are above the
-# floor
+# sigmas of the noise in the height of floor readings; a reading counts as above the floor if it is higher than the
+# floor by more than this plus a tolerance
 FLOOR_SIGMAS: Final = 4.0
 # maximum depth step between pixels of one object: JUMP_M (m), for sides of bars that are seen at an angle, plus
 # JUMP_SIGMAS sigmas of the noise

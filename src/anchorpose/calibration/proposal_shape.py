@@ -156,8 +156,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes that lie along the lines of sight of all cameras that see the part. The part's extent
-    along these axes is not seen, since its outline shows only the extent along the other axes.
+    """Return (3,) bool: axes that lie nearly along the lines of sight of all cameras that see the part. The part's
+    extent along these axes is not seen, since its outline shows only the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)

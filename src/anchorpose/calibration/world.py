@@ -165,8 +165,8 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
 
 
 def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
-    """Return a doubt about the camera whose floor height differs most (about both, if only two cameras see the floor),
-    if the cameras disagree on the floor's height.
+    """Return a doubt if the cameras disagree on the floor's height: about the camera whose height differs most from the
+    median, or about both cameras if only two see the floor.
     """
     if len(heights_m) < 2:
         return []

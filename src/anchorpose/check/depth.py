@@ -173,8 +173,8 @@ FACING: Final = 0.5
 # maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees), since the end of the
 # sensor's range also looks like a wall, at an angle below 2 degrees
 PARALLEL: Final = 0.996
-# m, limits of a person's height: below the first yellow, below the second or above the third red; adults have 1.4 to
-# 2.1 (sitting: 1.1 to 1.4)
+# m, limits of a person's height: below the first limit, the finding is yellow; below the second or above the third, it
+# is red. Adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"

@@ -204,7 +204,7 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-# maximum number of the patient's pixels at an image border that does not cut off the body; even a hand has more
+# maximum number of the patient's pixels along an image border that does not cut off the body; even a hand has more
 CUT_PX: Final = 3
 # limits (yellow, red) of the share of frames in which an image border cuts off the body; raised hands may be cut off
 SOMETIMES, MOSTLY = 0.1, 0.5

@@ -28,7 +28,8 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a decoder needs for a grey image
-# bytes allowed beyond the pixels: for chunks of text, and for the overhead of compression if pixels are incompressible
+# bytes allowed in addition to four per pixel: for chunks of text, and for the overhead of compression if pixels are
+# incompressible
 _OTHER_BYTES: Final = 1 << 20
 
 FARTHEST_M: Final = 20.0
@@ -132,8 +133,8 @@ def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | 
     """Return the grey values (height, width) uint16 of a PNG file and an empty text; for an unusable file, None and the
     problem.
 
-    The decoder gets only the chunks of a still image, because from all chunks of an animated PNG it would mix several
-    frames.
+    The decoder gets only the chunks of a still image, because it would mix the frames of an animated PNG if it got all
+    chunks.
     """
     import cv2
 

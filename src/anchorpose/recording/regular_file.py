@@ -26,7 +26,7 @@ from anchorpose.errors import InputError
 
 Found = TypeVar("Found")
 
-# flags: opening never waits for the writer of a pipe
+# flags for opening a file: never wait for the writer of a pipe, and (on Windows) read bytes unchanged
 NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 LARGEST_TABLE: Final = 512 * 2**20
