@@ -40,11 +40,12 @@ _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
 # m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
 _ALLOWED_FLOOR_M: Final = 0.03
-_SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
+_SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and up to the floor
 # m, sigma of a foot's height above the floor. A pose with a foot at the height ``_IN_THE_AIR_M`` becomes less probable
 # by 3 nats, with a far higher foot by 6 nats: in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
-_IN_THE_AIR_M: Final = 0.5  # m above the floor, scale of the robust kernel for a foot's height
+# m above the floor, scale of the robust kernel for a foot's height: at this height the cost is half of its limit
+_IN_THE_AIR_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,18 +68,20 @@ def gather_evidence(
     floor_m: float | None = None,
     noises: Sequence[DepthNoise | None] = (),
 ) -> Evidence:
-    """Return the evidence of one frame for the patient. The outlines are computed here, once for all registrations."""
+    """Return the evidence of one frame for the patient. The outlines of the patient are computed here, once for all
+    registrations to this frame.
+    """
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m, noises=tuple(noises))
 
 
 def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node along its normal, metres, and the number (n,) of its patch. Nodes of one patch
-    share one error.
+    """Return the sigma (n,) of each node's place along its normal, metres, and the number (n,) of the patch to which
+    the node belongs. Nodes of one patch share one error.
 
-    thinned: share of the nodes that are used. A used node may represent more pixels than the pixels that share one
-    error. Denoising then averages the errors of its pixels, so the node is a patch of its own, with less noise. Sigma
-    is 0 if the camera's noise is unknown.
+    thinned: share of the nodes that are used. If few nodes are used, each represents many pixels, perhaps more than the
+    number of pixels that share one error. Denoising then averages the errors of the node's pixels, so the node is a
+    patch of its own, with less noise. Sigma is 0 if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -101,12 +104,13 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
 
 
 def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
-    """Return the number of constraint rows that count as one observation in this frame, with the cameras' noise
-    included.
+    """Return the number of constraint rows that count as one observation in this frame. This number includes the effect
+    of the cameras' noise.
 
-    The setting ``rows_per_observation`` is this number for errors of clothes and folds alone. A sensor that smooths its
-    images gives a whole patch of nodes the same error (``node_noise``). The patch's number of nodes is added, times the
-    noise's variance relative to that of the surface error.
+    The setting ``rows_per_observation`` is this number if only clothes and folds cause errors. A sensor that smooths
+    its images gives a whole patch of nodes the same error (``node_noise``). So a second term is added: the mean, over
+    all nodes, of the number of used nodes in the node's patch times the variance of the node's noise, divided by the
+    variance of the surface error (``surface_sigma_m``).
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
     noise_m, patch = node_noise(evidence, used)
@@ -117,9 +121,9 @@ def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin that should be seen, but is not,
-    is pulled to the outline. Forearms and hands stay out of the trunk, and the shanks out of each other. No skin is
-    below the floor, and feet stand on the floor.
+    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin points that a camera should see,
+    but does not, are pulled to the patient's outline. Forearms and hands are pushed out of the trunk, and the left
+    shank out of the right shank. No skin is below the floor, and feet stand on the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -212,8 +216,8 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the background or another person farther away than ``farthest``. Background without
-    a reading counts, too. farthest: the maximum depth of the patient's skin at this pixel.
+    """Return whether a pixel shows the background or another person farther away than ``farthest``. Such pixels without
+    a reading count, too. farthest: the maximum depth of the patient's skin at this pixel.
     """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
@@ -222,8 +226,8 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
-    """Return row and column of the nearest True pixel at most reach_px rows and columns away; -1, -1 without such a
-    pixel.
+    """Return row and column of the True pixel nearest to the pixel (row, column), at most reach_px rows and columns
+    away; -1, -1 without such a pixel.
     """
     height, width = possible.shape
     best, best_row, best_column = np.inf, -1, -1
@@ -264,8 +268,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
     Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
-    shank or foot gets a row only if the place ``_FLESH_M`` below it is inside the right shank or foot. Without these
-    rows, both shanks could be fitted to the seen surface of one shank.
+    shank or foot gets a row only if the place at the depth ``_FLESH_M`` below this point is inside the right shank or
+    foot. Without these rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
@@ -273,7 +277,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
     """Return rows that push the skin points ``limb`` out of the body part with the skin points ``part``. A point gets a
-    row if the place inside the limb, ``below_m`` metres below the point, is inside the part.
+    row if the place ``below_m`` metres below the point, inside the limb, is also inside the part by more than
+    ``_ALLOWED_M``.
     """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
@@ -324,8 +329,8 @@ def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the point of ``trunk`` nearest to each tested place ``asked[arms]``, if it is nearer than ``_DEEPEST_M``.
-    Return the rows of these places in ``arms`` and of the points in ``trunk``. ``arms`` and ``trunk`` may also be two
-    shanks.
+    Return the indices in ``arms`` of the places with such a point, and the indices in ``trunk`` of their nearest
+    points. ``arms`` and ``trunk`` may also be two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
