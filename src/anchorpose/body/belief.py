@@ -18,8 +18,8 @@ UNSEEN_S: Final = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to depart from the predicted pose by
-    a random walk.
+    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to depart from the predicted pose
+    by a random walk.
     """
 
     turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
