@@ -182,7 +182,8 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses, except poses so close to an earlier pose of the list that registration would make both equal.
+    """Return the poses, except poses so close to an earlier pose in the list that registration would make the two poses
+    equal.
     """
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
