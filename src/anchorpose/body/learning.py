@@ -179,8 +179,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """Return the vector (n, 3), metres, from the first to the second joint of each bone of ``BONES`` in the rest pose.
-    """
+    """Return the vector (n, 3), metres, from the first to the second joint of each of ``BONES`` in the rest pose."""
     start, end = _ends(asset)
     heads = shape.mesh(asset).bone_heads
     return np.asarray(heads[end] - heads[start])
