@@ -1,4 +1,6 @@
-"""Map the body's skin: compute the distances along the skin of sampled points from landmarks and from each other."""
+"""Map the body's skin: compute distances along the skin from sampled points to landmarks and to neighbouring sampled
+points.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: row of the first landmark."""
+    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: the skin point that is the
+    first landmark.
+    """
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first
     for row in range(LANDMARKS):
