@@ -23,7 +23,8 @@ class Pace:
     """
 
     turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
-    root_sigma_m: float  # m, standard deviation of the pelvis from its predicted place after one second, per axis
+    # m, standard deviation of the pelvis's movement from its predicted place after one second, per axis
+    root_sigma_m: float
 
     def variance(self, elapsed_s: float) -> np.ndarray:
         """Return the variance (POSE_SIZE,) that each parameter of a predicted pose gains in ``elapsed_s`` seconds."""
@@ -46,12 +47,14 @@ class PoseBelief:
     pose: Pose
     # (POSE_SIZE, POSE_SIZE) covariance of the pose, given all observations and the prior knowledge of joint angles
     covariance: np.ndarray
-    # (POSE_SIZE, POSE_SIZE) inverse of the covariance given all observations so far. Prior knowledge of joint angles is
-    # not included: every frame adds this knowledge again, so it would count several times.
+    # (POSE_SIZE, POSE_SIZE) inverse covariance of the pose, given all observations so far. Prior knowledge of joint
+    # angles is not included: every frame adds this knowledge again, so it would count several times.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
-        """Return the belief in a pose predicted for ``elapsed_s`` seconds later; ``pace`` gives the added variance."""
+        """Return the belief in ``pose``, which is predicted for ``elapsed_s`` seconds later; ``pace`` gives the
+        variance to add.
+        """
         return self.grown(pose, pace.variance(elapsed_s))
 
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:

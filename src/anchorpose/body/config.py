@@ -30,12 +30,12 @@ class RegistrationConfig:
     """Settings of registration, which fits a body's posed skin to the nodes of the surface seen in one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
-    """Maximum distance (m) at which a node of the surface pulls the skin towards itself, one value per solver step. It
-    decreases from the prediction error of a fast arm to the thickness of clothes."""
+    """Maximum distance (m) at which a node of the surface pulls the skin towards itself, one value per solver step.
+    This distance decreases from the prediction error of a fast arm to the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
     """Number of solver steps, counted from the first, in which the skin is also pulled by anchors (head, hands and feet
-    found in the frame) and by nodes that the track tree matched with earlier frames. Anchors and matches have errors of
+    found in the frame) and by nodes that the track tree matched between frames. Anchors and matches have errors of
     centimetres, so later steps use only the surface."""
 
     # minimum number of nodes for a registration; a whole patient shows about 3,500, a hand alone shows fewer than this
@@ -47,7 +47,7 @@ class RegistrationConfig:
     surface_sigma_m: Positive = 0.010
     # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0
-    # sources of other poses for a pose in doubt; the default is all sources, fewer serve to compare methods
+    # sources of other poses for a pose in doubt; the default is all sources, and fewer sources serve to compare methods
     sources: tuple[Source, ...] = tuple(Source)
 
 

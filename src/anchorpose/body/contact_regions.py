@@ -112,7 +112,7 @@ class Nearness:
 
     person: np.ndarray  # (n,) uint8, pixel label of the other person
     point: np.ndarray  # (n,) int32, skin point of the patient
-    distance_m: np.ndarray  # (n,) float32, from the point to the other person's nearest skin
+    distance_m: np.ndarray  # (n,) float32, distance from the point to the other person's nearest skin
     remembered: np.ndarray  # (n,) bool, whether the other person's skin was seen shortly before but is hidden now
     shown: np.ndarray  # (p,) bool, whether some camera sees the skin point of the patient
     area_m2: float  # m2, area of skin that each skin point of the patient represents
@@ -155,7 +155,9 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points (n, 3) at most ``HAND_M`` outside the bounding box of the points ``box_m`` (k, 3)."""
+    """Return (n,) bool: whether each of the points (n, 3) is at most ``HAND_M`` outside the bounding box of ``box_m``
+    (k, 3).
+    """
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -215,8 +217,8 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Update the places where feet stand from one more registered frame. A visible foot stands if its ankle was at
-        rest.
+        """Update the places where feet stand from one more registered frame. A visible foot counts as standing if its
+        ankle was at rest, or is still near the place where the foot stood before.
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
         if unknown. A hidden foot stays where it stood, unless cameras see past this place, that is, see something

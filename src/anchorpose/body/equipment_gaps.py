@@ -1,4 +1,4 @@
-"""Measure the gap between each region of the patient's posed skin and each part of the equipment that is near it."""
+"""Measure the gap between each region of the patient's posed skin and each part of the equipment near this region."""
 
 from __future__ import annotations
 
@@ -122,8 +122,8 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in the box. The axes are tested in succession, which takes half the time of testing all
-    axes at once.
+    """Return (p,) bool: whether each skin point is in the box. The axes are tested in succession, which takes half the
+    time of testing all axes at once.
     """
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):

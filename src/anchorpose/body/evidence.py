@@ -38,11 +38,12 @@ _FLESH_M: Final = 0.03
 # nearest to the point may be on the wrong side
 _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
-# m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
+# m, allowed depth of skin below the floor, since the floor's height and the soles of approximate bodies have errors
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and up to the floor
-# m, sigma of a foot's height above the floor. A pose with a foot at the height ``_IN_THE_AIR_M`` becomes less probable
-# by 3 nats, with a far higher foot by 6 nats: in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor. A pose becomes less probable by 3 nats with a foot at the height
+# ``_IN_THE_AIR_M``, and by 6 nats with a far higher foot: in rehabilitation 95 of 100 feet stand on the floor, and
+# ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
 # m above the floor, scale of the robust kernel for a foot's height: at this height the cost is half of its limit
 _IN_THE_AIR_M: Final = 0.5
@@ -56,7 +57,7 @@ class Evidence:
     views: tuple[View | None, ...]  # each camera's depth image with labels; None without a depth image
     outlines: tuple[np.ndarray | None, ...]  # from ``find_outline``; None without a depth image that shows the person
     cameras: tuple[Camera, ...]
-    floor_m: float | None = None  # world height of the floor; None if unknown
+    floor_m: float | None = None  # m, height of the floor in the world; None if unknown
     label: int = PixelLabel.PATIENT  # the person's pixel label
     noises: tuple[DepthNoise | None, ...] = ()  # each camera's noise; None without a depth image; empty if unknown
 
@@ -123,7 +124,7 @@ def evidence_rows(
 ) -> Constraints:
     """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin points that a camera should see,
     but does not, are pulled to the patient's outline. Forearms and hands are pushed out of the trunk, and the left
-    shank out of the right shank. No skin is below the floor, and feet stand on the floor.
+    shank out of the right shank. Skin below the floor is pulled up to the floor, and feet are pulled to the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -302,7 +303,8 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
     """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
-    as less if the foot is far above the floor. This row keeps the foot of a leg that no camera sees on the floor.
+    as less if the foot is far above the floor. If no camera sees a leg, this row keeps the foot of the leg on the
+    floor.
     """
     feet = [foot[posed.points_m[foot, 1].argmin()] for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()

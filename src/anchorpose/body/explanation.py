@@ -47,10 +47,11 @@ class Explanation:
     # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
     # too little of the limb is in view
     seen_past: np.ndarray
-    covering: np.ndarray  # (p,) bool, whether the skin point covers a node (is the nearest to it)
+    # (p,) bool, whether the skin point covers a node, that is, is the skin point nearest to this node
+    covering: np.ndarray
 
 
-@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
+@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need the result
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
     """Measure how well a posed body explains one frame."""
     chosen = thin(len(evidence.surface), NODES)

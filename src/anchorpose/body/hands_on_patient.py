@@ -85,7 +85,7 @@ def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
     """Return (n,) uint8: label of the other person to whom each pixel (row, column) is connected without a step in
-    depth; 0 if the pixel is connected to no person.
+    depth; 0 if the pixel is connected to no other person.
     """
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()

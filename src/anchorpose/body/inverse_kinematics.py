@@ -1,4 +1,6 @@
-"""Find poses whose joints are at given places: predicted (paper, Section IV), proposed by a search, or a reviewer's."""
+"""Find poses whose joints are at given places. The places are predicted (paper, Section IV), proposed by a search, or
+set by a reviewer.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class JointRange(NamedTuple):
     limits of how elbows, knees and hips bend.
     """
 
-    mean: np.ndarray  # (m, 3) rad, rotation vectors
+    mean: np.ndarray  # (m, 3) rad, mean rotation vector of each moving bone
     information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
     hinge: np.ndarray  # (m, 3) unit axis about which an elbow, knee or hip bends; 0 for other bones
     hinge_limit: np.ndarray  # (m,) rad, minimum rotation about the axis ``hinge``

@@ -17,7 +17,7 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMesh:
-    """One person's skin and skeleton in the rest pose. Axes and units are those of ``BodyAsset``."""
+    """One person's skin and skeleton in the rest pose. Axes and units are the same as in ``BodyAsset``."""
 
     asset: BodyAsset
     vertices: np.ndarray  # (v, 3) places of the skin's vertices

@@ -226,7 +226,7 @@ def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
-    """Return the indices of the bone with this name and of all bones below it."""
+    """Return the indices of the bone with this name and of all its descendants in the skeleton."""
     first = asset.bone(name)
     below = {first}
     for bone, parent in enumerate(asset.bone_parents):

@@ -49,7 +49,7 @@ class Search:
 
     registration: Registration  # registration of the best pose
     taken: bool  # whether the best pose replaces the pose before the search
-    rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
+    rivals: tuple[Rival, ...] = ()  # other poses that the images of this frame cannot exclude
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +171,9 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield each pose of ``others``, and by how many nats the pose ``now`` is likelier than this pose by the images
-    (reduced by ``believed``) and by the direction that the patient faces.
+    """Yield each pose of ``others``, and by how many nats the pose ``now`` is likelier than this pose. The likelihoods
+    include the images and the body priors (their difference is reduced by ``believed``) and the direction that the
+    patient faces.
     """
     for one in others:
         if one.pose is not now.pose:

@@ -129,4 +129,4 @@ SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
 """Segment (21,) of each joint, numbered as in ``SEGMENT_OF_BONES``."""
 PARTS: Final = len(_LIMBS) + 1  # number of parts: the trunk and four limbs
 
-TRUNK: Final = 0  # number of the trunk (with the head) among the limbs
+TRUNK: Final = 0  # number of the trunk (with the head) among the five parts

@@ -1,7 +1,7 @@
 """Propose other poses for a pose in doubt (a pose that may be wrong), from each source independently.
 
-The images determine the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor also proposes
-other poses of the trunk, and one proposal turns the body round.
+The images determine the places of the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor
+also proposes other poses of the trunk, and one proposal turns the body round.
 """
 
 from __future__ import annotations

@@ -58,7 +58,8 @@ MOST: Final = 3  # maximum number of rivals; each rival takes as much time as re
 class Rival:
     """A pose that competes with the best pose.
 
-    A rival with a body of its own never becomes the best pose, since bones keep their length; it only increases sigma.
+    A rival with a body of its own never becomes the best pose, since the bones of the patient keep their length; such a
+    rival only increases sigma.
     """
 
     belief: PoseBelief

@@ -49,7 +49,7 @@ def full_jacobian(
     bones = _Bones(
         posed.transforms, pivot, frame, _chains(points), shape_offsets(points.asset, posed, free.coefficients)
     )
-    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for one memory layout
+    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for contiguous arrays
     skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), covered)
     jacobian = np.zeros((len(index), POSE_SIZE + sum(free)))
     _fill(skin, bones, index, direction, posed.normals, jacobian)

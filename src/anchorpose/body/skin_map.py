@@ -82,7 +82,7 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # no path reaches eyes and teeth (source -9999): they have no cell
+    cell = place[np.maximum(nearest, -1)]  # no path reaches eyes and teeth (source -9999), so they belong to no cell
     cell[vertex] = np.arange(len(vertex))
     touching = np.sort(cell[edges], axis=1)
     return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)

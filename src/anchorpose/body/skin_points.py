@@ -52,7 +52,7 @@ class SkinPoints:
     influence: np.ndarray  # (p, w) weights of these bones, padded with 0
     part: np.ndarray  # (p,) bone that moves the point most
     covered: np.ndarray  # (p, c) 0 to 1; the point moves outwards by this share of each of the ``OFFSETS`` offsets
-    below: np.ndarray  # (m, b) see ``descendants``
+    below: np.ndarray  # (m, b) 1 at each moving bone and its descendants, else 0 (``descendants``)
     moving: np.ndarray  # (m,) index of each moving bone
     faces_of: np.ndarray  # (p, f) mesh faces around each point, padded by repeating the last face
 
@@ -190,7 +190,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    # normals are computed on the whole body, since the shrunken skin of missing parts has none
+    # normals are computed on the whole body, since the shrunken skin of missing parts has no normals
     whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
@@ -207,7 +207,7 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=8)  # cached, since several steps of one frame's processing need it
+@lru_cache(maxsize=8)  # cached, since several steps of one frame's processing need the posed points
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
     """Pose the sampled points by linear blend skinning; the result is shared and must not be changed."""
     transforms = body.transforms(pose)

@@ -26,7 +26,7 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
-INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
+INPUTS: Final = 5  # number of layers of the network's input image (``inputs_of``)
 STEP: Final = 2  # pixels of the input from one output of the network to the next, along rows and columns
 # width and height of the network's image are multiples of this, since the network halves it five times
 MULTIPLE: Final = 32
@@ -225,8 +225,8 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera of ``FOCAL_PX``, and whether
-    the image has such a pixel.
+    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera with the focal length
+    ``FOCAL_PX``, and whether the image has such a pixel.
 
     The nearest pixel is used instead of a mean of neighbouring pixels, since no surface lies at the mean depth of the
     two sides of an edge.
