@@ -128,7 +128,7 @@ def find_nearness(
 ) -> Nearness:
     """Return the pairs of a skin point of the patient and another person near it. Skin of other people counts where
     cameras see it now or saw it shortly before. memory: the skin of all people as last seen. Hands of other people that
-    wrongly have the patient's label (``find_hands``) are included. Missing parts of the patient have no skin.
+    wrongly have the patient's label (``find_hands``) are included. Body parts that the patient lacks are left out.
     """
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     hands_m, whose = find_hands(posed, views, cameras)

@@ -330,9 +330,9 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the point of ``trunk`` nearest to each tested place ``asked[arms]``, if it is nearer than ``_DEEPEST_M``.
-    Return the indices in ``arms`` of the places with such a point, and the indices in ``trunk`` of their nearest
-    points. ``arms`` and ``trunk`` may also be two shanks.
+    """Find, for each tested place ``asked[arms]``, the nearest point of ``trunk``, if this point is nearer than
+    ``_DEEPEST_M``. Return the indices in ``arms`` of the places with such a point, and the indices in ``trunk`` of
+    their nearest points. ``arms`` and ``trunk`` may also be two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

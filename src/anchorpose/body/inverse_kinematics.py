@@ -66,7 +66,9 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief, with limbs of corrected joints as uncertain as if no camera had seen them for ``UNSEEN_S``."""
+    """Return the belief in the same pose with more uncertain limbs of corrected joints, as if no camera had seen these
+    limbs for ``UNSEEN_S`` seconds.
+    """
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)

@@ -113,8 +113,9 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """Return three axes as rows (3, 3): the hinge axis (a positive turn bends the limb), the axis across it, and the
-    axis along the bone. Also return the angle by which the joint is bent in the rest pose, radians.
+    """Return three axes as rows (3, 3): the hinge axis (a positive turn bends the limb), the axis perpendicular to
+    hinge and bone, and the axis along the bone. Also return the angle by which the joint is bent in the rest pose,
+    radians.
     """
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1

@@ -40,7 +40,7 @@ length to a limb's width.
 
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
-STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
+STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond these limits
 # number of times that the body is scaled; the median error of the stature is 4 % after the first scaling, 3 % after the
 # second and 2 % after the third
 _SCALINGS: Final = 3
@@ -134,7 +134,8 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 
 
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
-    """Return the pose that brings the skin closest to the places with which it is matched, with robust weights.
+    """Return the pose in which the matched skin points come closest to their matched places in the world, with robust
+    weights.
 
     start: a pose fitted to the same matches with a body of another shape. Raises ValueError for too few matches.
     """

@@ -33,7 +33,7 @@ class Doubted:
     body: Body
     pose: Pose
     evidence: Evidence
-    anchors: SeenAnchors | None  # None for a first pose, since anchors are searched for later
+    anchors: SeenAnchors | None  # None for a first pose, since the search for anchors comes later
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:

@@ -61,8 +61,8 @@ class ShapeBelief:
     free: FreeShape
     mean: np.ndarray  # (s,) mean of the prior
     prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
-    # (s,) bool, parameters with Student's t as prior: a very unusual value is little less probable than an unusual
-    # value
+    # (s,) bool, parameters with Student's t as prior: a very unusual value is only a little less probable than an
+    # unusual value
     soft: np.ndarray
     seen: np.ndarray  # (s, s) information (inverse covariance) that the observations alone give
     pull: np.ndarray  # (s,) matrix ``seen`` times the shape that fits the observations best
@@ -85,8 +85,8 @@ class ShapeBelief:
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """Return the prior's inverse covariance (s, s) at a shape; it is reduced for ``soft`` parameters with unusual
-        values (Lange et al. 1989, doi:10.2307/2290063).
+        """Return the prior's inverse covariance (s, s) at a shape; this matrix is reduced for ``soft`` parameters with
+        unusual values (Lange et al. 1989, doi:10.2307/2290063).
         """
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
@@ -174,7 +174,7 @@ class ShapeBelief:
         return belief
 
 
-@lru_cache(maxsize=2)  # cached, since every frame needs it
+@lru_cache(maxsize=2)  # cached, since every frame needs the covariance
 def _covariance(belief: ShapeBelief) -> np.ndarray:
     return np.linalg.inv(belief.information)
 

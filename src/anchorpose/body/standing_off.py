@@ -18,9 +18,9 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m; a segment stands off if its patches move its skin points by more than this (95th percentile over the points). With
-# a brace, the percentile was 0.030 to 0.036. Without a brace, the percentile was below 0.020, except for loose
-# trousers, which reach 0.035
+# m; a segment stands off if the offsets of its patches of skin move its skin points by more than this (95th percentile
+# over the points). With a brace, the percentile was 0.030 to 0.036. Without a brace, the percentile was below 0.020,
+# except for loose trousers, which reach 0.035
 LEAST_M: Final = 0.020
 # standard deviations of girth; a segment whose girth exceeds its expected girth (``_thicker``) by more than this is too
 # thick. Without braces, the difference between sides was at most 0.9; with a brace, the difference was 2.9 to 6.7

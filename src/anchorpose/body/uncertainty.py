@@ -221,10 +221,10 @@ def frame_errors(
 ) -> FrameErrors:
     """Return the errors of the joints that follow from the rows of one frame and from the ranges of the joints.
 
-    unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts.
-    Pose and shape are parameters of the same normal equations, so the errors include that a body with another shape
-    would have been registered in another pose. Where skin is seen, the joints of the two bodies lie at almost the same
-    places, even if the lengths of their bones differ.
+    unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts. A
+    body with another shape would have been registered in another pose. The errors include this effect, since pose and
+    shape are parameters of the same normal equations. Where skin is seen, the joints of the two bodies lie at almost
+    the same places, even if the lengths of their bones differ.
     """
     posed, fewer_nodes = pose_points(body, pose), replace(config, node_count=min(config.node_count, FRAME_NODES))
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], fewer_nodes)

@@ -27,8 +27,8 @@ from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
 INPUTS: Final = 5  # number of layers of the network's input image (``inputs_of``)
-STEP: Final = 2  # pixels of the input from one output of the network to the next, along rows and columns
-# width and height of the network's image are multiples of this, since the network halves it five times
+STEP: Final = 2  # pixels, spacing of the network's outputs on its input image, along rows and columns
+# pixels; width and height of the network's image are multiples of this, since the network halves the image five times
 MULTIPLE: Final = 32
 SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
 # maximum tangent of the angle (50 degrees) between a ray and the optical axis, since training images show no wider view
@@ -92,7 +92,8 @@ def read_weights(path: Path) -> Weights:
 
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one thread adds in a fixed order, so each run gives the same bytes
+    # a single thread adds numbers in a fixed order, so every run gives exactly the same results
+    options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
     slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})
@@ -155,8 +156,8 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     """Return ``describe`` of an image. The results for the last images are kept in memory, since several stages need
     them.
 
-    An image must not be changed after it was described, since it is recognised by its identity and not by its content.
-    Raises InputError with the camera's name if ``describe`` raises an error.
+    An image must not be changed after it was described, since this function recognises an image by its identity and not
+    by its content. Raises InputError with the camera's name if ``describe`` raises an error.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
@@ -209,7 +210,7 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
     """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether the pixel has a reading, relief
     relative to two local means, and 1 / depth.
 
-    The values must be the same as those of ``inputs_of`` in ``tools/train_descriptor.py``.
+    The function ``inputs_of`` in ``tools/train_descriptor.py`` must give the same values.
     """
     import cv2
 
