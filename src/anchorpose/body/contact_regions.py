@@ -155,7 +155,7 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: whether each of the points (n, 3) is at most ``HAND_M`` outside the bounding box of ``box_m``
+    """Return (n,) bool: whether each of the points (n, 3) is less than ``HAND_M`` outside the bounding box of ``box_m``
     (k, 3).
     """
     if not len(box_m):

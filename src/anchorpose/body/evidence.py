@@ -40,7 +40,7 @@ _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
 # m, allowed depth of skin below the floor, since the floor's height and the soles of approximate bodies have errors
 _ALLOWED_FLOOR_M: Final = 0.03
-_SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and up to the floor
+_SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
 # m, sigma of a foot's height above the floor. A pose becomes less probable by 3 nats with a foot at the height
 # ``_IN_THE_AIR_M``, and by 6 nats with a far higher foot: in rehabilitation 95 of 100 feet stand on the floor, and
 # ln(95 / 5) is 3
@@ -80,9 +80,9 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
     """Return the sigma (n,) of each node's place along its normal, metres, and the number (n,) of the patch to which
     the node belongs. Nodes of one patch share one error.
 
-    thinned: share of the nodes that are used. If few nodes are used, each represents many pixels, perhaps more than the
-    number of pixels that share one error. Denoising then averages the errors of the node's pixels, so the node is a
-    patch of its own, with less noise. Sigma is 0 if the camera's noise is unknown.
+    thinned: share of the nodes that are used. If few nodes are used, each node may represent more pixels than share one
+    error. In this case, denoising averages the errors of the node's pixels, so the node is a patch of its own, with
+    less noise. Sigma is 0 if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -124,7 +124,8 @@ def evidence_rows(
 ) -> Constraints:
     """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin points that a camera should see,
     but does not, are pulled to the patient's outline. Forearms and hands are pushed out of the trunk, and the left
-    shank out of the right shank. Skin below the floor is pulled up to the floor, and feet are pulled to the floor.
+    shank out of the right shank. Skin more than ``_ALLOWED_FLOOR_M`` below the floor is pulled up to this depth, and
+    feet are pulled to the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]

@@ -47,7 +47,7 @@ class Explanation:
     # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
     # too little of the limb is in view
     seen_past: np.ndarray
-    # (p,) bool, whether the skin point covers a node, that is, is the skin point nearest to this node
+    # (p,) bool, whether the skin point covers a node, that is, is the point nearest to one of the nodes ``covered``
     covering: np.ndarray
 
 
@@ -84,8 +84,8 @@ def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
     """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past. A
-    camera sees past a skin point if the reading at the point's pixel is farther away than the point; hidden skin counts
-    as not seen past.
+    camera sees past a skin point if the reading at the point's pixel lies more than ``COVERED_M`` behind the point, or
+    if the pixel shows the background without a reading; hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):

@@ -64,8 +64,8 @@ class FirstPose:
 class FirstShape:
     """The knowledge of the patient's shape before the first pose is found."""
 
-    # shapes to try: the patient's learnt shape, or else an adult's and a child's shape of the stated or measured
-    # stature
+    # shapes to try: the patient's learnt shape, or else shapes of adults and children, whose stature is the stated
+    # stature or is derived from the images
     tried: Sequence[ShapeBelief]
     may_change: bool  # whether the fit of the first pose may change these shapes
 

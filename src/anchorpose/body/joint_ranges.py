@@ -21,7 +21,7 @@ from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 
 class JointRange(NamedTuple):
     """Distribution of bone rotations in people: a single Gaussian on the rotation vectors of all moving bones, and
-    limits of how elbows, knees and hips bend.
+    limits to the bending of elbows, knees and hips.
     """
 
     mean: np.ndarray  # (m, 3) rad, mean rotation vector of each moving bone

@@ -96,7 +96,7 @@ def learn_shape_step(
     points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], known: ShapeBelief
 ) -> tuple[ShapeBelief, list[Pose]]:
     """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose; the poses are eliminated
-    from the equations by their Schur complement.
+    from the equations by the Schur complement.
 
     known: the belief in the shape without these frames. Return the belief that includes the frames, linearised at
     ``shape``, and the new pose of each frame.

@@ -75,8 +75,8 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Compute a pose's log probability from the images, and its cost from the distances of the limbs and the trunk
-        from their expected places.
+        """Compute a pose's log probability from the images and the body priors, and its cost from the distances of the
+        limbs and the trunk from their expected places.
         """
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
@@ -104,8 +104,8 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
     """Return whether so much seen skin is uncovered that a limb may be misplaced. The area must be at least
-    ``LOOK_AGAIN_M2``. hidden: whether the end of some limb covers hardly any nodes; the uncovered skin may then belong
-    to this limb, so half of the area is enough.
+    ``LOOK_AGAIN_M2``. hidden: whether hardly any skin of some limb beyond the elbow or knee covers nodes; the uncovered
+    skin may then belong to this limb, so half of the area is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -171,9 +171,11 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield each pose of ``others``, and by how many nats the pose ``now`` is likelier than this pose. The likelihoods
-    include the images and the body priors (their difference is reduced by ``believed``) and the direction that the
-    patient faces.
+    """Yield each pose of ``others`` except ``now``, and by how many nats the pose ``now`` is likelier than this pose.
+
+    This number is the sum of two differences between the poses: the difference of the log probabilities from images and
+    body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions that the
+    patient faces (``facing_nats``).
     """
     for one in others:
         if one.pose is not now.pose:

@@ -25,7 +25,7 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-# minimum number of matches to find a pose; at a distance of two metres, so many matches cover 60 cm2, as a hand does
+# minimum number of matches to find a pose; at a distance of two metres, this many cover 60 cm2, as a hand does
 LEAST_MATCHES: Final = 30
 # maximum number of matches used; a person at two metres has 2,000 matches, but using more than 800 would only cost time
 MATCHES: Final = 800

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# maximum number of voxels, which take 8 MB of memory. If the nodes extend over more space than a room, the voxels are
-# made larger, so that their number stays below this maximum
+# approximate maximum number of voxels; so many voxels take 8 MB of memory. If the nodes extend over more space than a
+# room, the voxels are made larger, so that their number hardly exceeds this maximum
 MAX_VOXELS: Final = 1_000_000
 
 

@@ -48,8 +48,9 @@ OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
 # likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival is dropped if the best pose explains the last frames better by this much
-# (``Rival.lag``); a rival that is likelier than the best pose by this much (``Rival.behind``) becomes the best pose
+# nats (a factor of e^6); a rival is dropped if the best pose explains the last frames better by at least this much
+# (``Rival.lag``); a rival that is likelier than the best pose by more than this (``Rival.behind``) becomes the best
+# pose
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 

@@ -205,9 +205,9 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Return the prior belief for a group of people (adults or children). common (c,), covariance (c, c): mean and
-    covariance of the group's whole-body coefficients. Coefficients of single segments have mean 0 and standard
-    deviation 1.
+    """Return the prior belief in the shape of a person from a group (adults or children). common (c,), covariance (c,
+    c): mean and covariance of the group's whole-body coefficients. Coefficients of single segments have mean 0 and
+    standard deviation 1.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))

@@ -1,5 +1,5 @@
-"""Map the body's skin: compute distances along the skin from sampled points to landmarks and to neighbouring sampled
-points.
+"""Map the body's skin: compute the distances along the skin from sampled points to landmarks, and find neighbouring
+sampled points and the paths between them.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: the skin point that is the
-    first landmark.
+    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: index of the skin point
+    that is the first landmark.
     """
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first

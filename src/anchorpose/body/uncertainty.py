@@ -138,7 +138,7 @@ def joint_sigma(
     covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise:
     array of the same shape from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from
     ``finest_patch_m``; a limb is placed midway between its two edges in the image, and each edge has a uniform error
-    within such a patch. frame: from ``frame_errors``; None: the errors of a single frame are left out.
+    within such a patch. frame: from ``frame_errors``; None: these errors are left out.
 
     The covariance treats the errors of all frames as independent. But clothes, person labels and hidden limbs cause the
     same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So a
@@ -247,8 +247,8 @@ class _FromFrame(NamedTuple):
     """The joints' errors that follow from one frame."""
 
     spread: np.ndarray  # (21, 3, 3) m2, mean of the outer products of the joints' errors
-    # (21, 3, s) derivative of the joints' places by the shape that arises because the registered pose changes with the
-    # shape; the change that the shape causes in an unchanged pose is not included
+    # (21, 3, s) derivative of the joints' places by the shape, as far as the registered pose changes with the shape;
+    # the change that the shape causes in an unchanged pose is not included
     by_shape: np.ndarray
 
 

@@ -48,8 +48,9 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The kind of reading that a camera has at a skin point's pixel: the camera sees the point, or the reason why it
-    does not. The value of each kind except the last is the index of the corresponding joint state in ``_REASONS``.
+    """The kind of reading that a camera has at a skin point's pixel: it shows the point, or gives the reason why the
+    camera does not see the point. The value of each kind except the last is the index of the corresponding joint state
+    in ``_REASONS``.
     """
 
     SEEN = 0  # the pixel shows the patient, at the depth of the point
