@@ -38,7 +38,7 @@ MOST_SIGNALS: Final = 40  # maximum number of compared signals; the signals that
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
 """Minimum standard deviation, over the recording, of a distance between joints (``LEAST_MOVEMENT_M``, m) or of an angle
-(``LEAST_MOVEMENT_DEG``, degrees) for it to be used as a signal. With less movement, it is mostly noise.
+(``LEAST_MOVEMENT_DEG``, degrees) for it to be used as a signal. With less movement, the signal would be mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
@@ -158,14 +158,15 @@ LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""Limit for a rival of the best offset: an offset more than ``RIVAL_DISTANCE_S`` away counts as equally good if the
-share of the movement that it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times the share that
-the best offset leaves unexplained. The movement then repeats itself and does not determine the offset.
+"""Limits for a rival of the best offset, which is a second offset that fits equally well: an offset more than
+``RIVAL_DISTANCE_S`` away counts as equally good if the share of the movement that it leaves unexplained (1 -
+correlation^2) is less than ``RIVAL_FACTOR`` times the share that the best offset leaves unexplained. The movement then
+repeats itself and does not determine the offset.
 """
 
 ITERATIONS: Final = 20  # maximum number of least-squares steps
 BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife omits one stretch at a time
-HUBER: Final = 2.5  # number of robust standard deviations beyond which a residual gets less weight
+HUBER: Final = 2.5  # limit of a residual, in robust standard deviations of its signal; larger residuals get less weight
 
 
 class NoCommonMovement(AnchorposeError):
@@ -190,7 +191,7 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """Convert times (n,) of the results to the other system's clock."""
+        """Convert times (n,) on the clock of the results to times on the other system's clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
 

@@ -298,7 +298,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns until within 180 degrees of ours
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns, to within 180 degrees of ``ours``
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -316,7 +316,9 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Matched recordings, the person of each (``subjects``), and the rows of agreement over all of them."""
+    """Matched recordings, the name of the person in each recording (``subjects``), and the rows of agreement over all
+    recordings.
+    """
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]

@@ -66,8 +66,8 @@ _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """The frame T_world_reference (4, 4) of the reference, and offset_m (21, 3): the results' joints minus the
-    reference's, in the axes of each joint's segment.
+    """The pose T_world_reference (4, 4) of the reference's frame, and offset_m (21, 3): the constant difference between
+    the joints of the results and of the reference (results minus reference), in the axes of each joint's segment.
 
     The axes are x forward, y up, z to the right when the person stands with limbs hanging. offset_m is NaN for joints
     that one of the systems lacks. translation_sigma_m, rotation_sigma_deg: standard deviations of the frame's position
@@ -96,7 +96,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
         for side in ("Left", "Right"):
             along = unit((points[f"{lower}{side}"] - points[f"{upper}{side}"]).T)
             hanging = -base[root][:, :, 1]
-            if joint == "Foot":  # the foot points forward when the leg hangs
+            if joint == "Foot":  # the foot points forward when the leg hangs, so x is aligned with it
                 hanging = base[root][:, :, 0]
             axes[:, JOINT_INDEX[f"{joint}{side}"]] = _shortest_turn(hanging, along) @ base[root]
     return axes
@@ -105,8 +105,8 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
 def place(
     ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
 ) -> Placement:
-    """Find the reference's frame and the offsets between both definitions of joints, from joints (n, 21, 3) at the same
-    times.
+    """Find the pose of the reference's frame, and the offsets that are due to the two definitions of joints, from the
+    joints (n, 21, 3) of both systems at the same times.
 
     ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
     joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
@@ -144,7 +144,9 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21, 3): the results' joints minus the reference's minus the offset, in the world frame."""
+    """Return (n, 21, 3): the difference between the results' joints and the reference's joints, minus the offset, in
+    the world frame.
+    """
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 

@@ -78,7 +78,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
     would solve for one unknown per subject, which takes gigabytes of memory for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # squares of values with a large mean would lose digits
+    centred = values - values.mean()  # without this step, squares of values with a large mean would lose digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(
@@ -137,7 +137,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # 5 % of differences between repeats are larger
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # 5 % of the differences between two repeats are larger than this
     )
 
 
@@ -187,12 +187,12 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on values in another unit: of a session, or of one subject's session, whose
-    values differ from the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without such values. grid
-    (subjects, repeats): the values.
+    """Return the beginning of a sentence on a session (or a session of one subject) that seems to have another unit:
+    its values differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without
+    such values. grid (subjects, repeats): the values.
 
-    A single value may be near zero by nature. So a session counts as having too large a unit only if all of its values
-    are small.
+    A single value may be near zero by nature. So small values count only if the median over all subjects of a session
+    is small; large values count also for a single subject.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -267,8 +267,9 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
 
 
 def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None, used: dict[str, Path]) -> None:
-    """Raise InputError if the folder, or another session's recording of the same subject, is in ``used``; add both to
-    ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
+    """Raise InputError if the folder is in ``used``, or if its recording is in ``used`` for the same subject; else add
+    both to ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own
+    folder.
     """
     keys, digest = {str(folder.resolve()): "is given twice"}, recording_digest(run.get("inputs_sha256", {}).items())
     if digest is not None and subject is not None:

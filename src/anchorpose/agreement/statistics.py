@@ -137,7 +137,9 @@ LEAST_SAMPLES: Final = 10
 """Minimum number of samples (pairs of both systems' values) for computing agreement, or the CMC of two curves."""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""Nominal shares of the errors that lie in a central interval; each is compared with the observed share."""
+"""Nominal shares of the errors that lie in a central interval (an interval around 0); ``calibration_error`` compares
+each with the observed share.
+"""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 PATIENT: Final = "patient"
 WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a joint error below this; larger errors affect measures
-EVEN: Final = 0.01  # maximum difference of the intervals between evenly spaced frames, as a share of an interval
+# as a share of the median interval between frames: if the longest and the shortest interval differ by less than this,
+# the frames count as evenly spaced, and the dataset gets the attribute ``fps``
+EVEN: Final = 0.01
 
 
 class Results:

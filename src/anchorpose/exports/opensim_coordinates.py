@@ -142,7 +142,9 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """Return the unit axis (n, 3) in the world about which the lower bone bends; it is fixed to the upper bone."""
+    """Return the unit axis (n, 3) in the world about which the lower bone bends; this axis is fixed to the upper
+    bone.
+    """
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -210,7 +212,8 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
     shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
     flexion, adduction = limb_angles_deg(in_axes(torso, elbow - shoulder), sign)
     return {
-        f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,  # jumps where no arm gets: straight back, not overhead
+        # Jumps by 360 degrees where an arm would point straight back, which no arm reaches, not overhead
+        f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,
         f"arm_add_{end}": adduction,
         f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),
     }
@@ -272,7 +275,8 @@ def _turning_on(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     """Return the values (n, c) without the jumps of ``pelvis_rotation`` by 360 degrees that occur when a turning
     patient faces -X. Across such a jump, interpolation and filters would take the longer arc.
 
-    No other joint turns full circle. Its rotations would only collect whole turns where they have no definite value.
+    The other rotations keep their jumps: no other joint turns full circle, and where such a rotation has no definite
+    value, removing jumps would only add whole turns.
     """
     turning = values.copy()
     for column in np.flatnonzero(np.isin(names, "pelvis_rotation")):

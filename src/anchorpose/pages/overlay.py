@@ -100,7 +100,9 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
 
 
 def _tint(labels: np.ndarray) -> np.ndarray:
-    """Return the tint (height, width, 3): people and equipment have their colours, everything else is white."""
+    """Return the tint (height, width, 3) of each pixel by its label: people and equipment have their colours,
+    everything else is white.
+    """
     tint = np.full((*labels.shape, 3), 255.0)
     for label, colour in _LABEL_TINT.items():
         chosen = labels >= label if label is PixelLabel.OTHER_PERSON else labels == label
@@ -241,10 +243,11 @@ def draw_chosen(
 
 
 def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether the stream has it.
+    """Return, for each frame, its position (n,) in the first camera's stream of depth images, and (n,) bool: whether
+    the stream has an image of this frame.
 
-    A live session may have recorded only its start. A camera that was silent may continue with numbers that were used
-    before, so the times must agree, too.
+    The recording of a live session may hold only the session's start. A camera that gave no images for a while may
+    continue with frame numbers that were used before, so the times must agree, too.
     """
     position = np.searchsorted(stream.frame, joints.frame).clip(max=len(stream.frame) - 1)
     apart_s = np.abs(stream.time_s[position] - joints.time_s)

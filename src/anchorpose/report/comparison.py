@@ -164,9 +164,9 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 def change_groups(
     sessions: Sequence[Session], detectable: Detectable
 ) -> dict[str, list[tuple[str, str, list[Markup]]]]:
-    """Return the measures of all sessions side by side: by heading, rows of (title, meaning, cells) with a value per
-    session, then a change per later session. detectable: minimal detectable changes, as ``read_detectable`` returns
-    them.
+    """Return, by heading, table rows (title, meaning, cells) that show each measure side by side: a cell with the value
+    per session, then a cell with the change from the first session per later session. detectable: minimal detectable
+    changes, as ``read_detectable`` returns them.
 
     Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
     person in another session.
@@ -206,8 +206,8 @@ def _change(
     laters: Sequence[Measure],
     repeated: float | None,
 ) -> Markup:
-    """Return the table cell of a change. firsts, laters: all measures of either session, whose time spans decide
-    whether the change is tested; repeated: as in ``change_between``.
+    """Return the table cell of a change. firsts, laters: all measures of the first and of the later session; their time
+    spans decide whether the change is tested; repeated: as in ``change_between``.
     """
     if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")

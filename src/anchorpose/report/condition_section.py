@@ -122,8 +122,8 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """Return, for each measure that is shown, its table rows for all trials, in the order in which measures are shown;
-    a measure without any value is left out.
+    """Return, for each measure that the section shows, the measure's values in all trials. The measures are in the
+    order in which the section shows them; a measure without any value is left out.
     """
     found: dict[MeasureKey, list[Measure]] = {}
     for name in chosen or COMPARED:
@@ -139,7 +139,7 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
 
 def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectable: Detectable) -> list[Effect]:
     """Return the effects of the conditions on a measure. If the measure grows with time, the minimal detectable change
-    of whole sessions does not apply to trials.
+    is not used: it was found from whole sessions, which last longer than trials.
     """
     first = rows[0]
     if not grows_with_time(first):

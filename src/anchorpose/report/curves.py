@@ -45,7 +45,7 @@ _STATES: Final = tuple(STATE_WORDS[state] for state in JointState)
 class Curve:
     """A curve of one quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
 
-    key: the beginning of the names of its columns in the CSV.
+    key: the text with which the names of the curve's columns in the CSV begin.
     """
 
     key: str
@@ -57,7 +57,9 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """The properties of all curves in a picture: name, unit in text and in column names, decimals, least axis span."""
+    """The properties that all curves in a picture share: name, unit as written in texts and in column names, number of
+    decimals, and minimum range of the axis.
+    """
 
     label: str
     unit: str
@@ -197,8 +199,8 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run of groups into pieces whose line segments (from each group to the next) are all seen, or all unseen;
-    neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
+    """Split a run of groups into pieces in which the line segments (from each group to the next) are all seen, or all
+    unseen; neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

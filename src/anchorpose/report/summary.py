@@ -70,7 +70,9 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration in s as the measures define it, in which the last frame lasts as long as a usual frame."""
+    """Return the duration of the recording in s, as the measures define it: the last frame counts as lasting as long as
+    a usual frame.
+    """
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
