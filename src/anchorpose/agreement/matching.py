@@ -39,7 +39,8 @@ larger ratio means that the reference's lengths are in another unit.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
+    """A results folder and a reference (the recording of another system) at the same times: the reference is resampled
+    to the frames of ``joints``, and all arrays have a row per frame.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the

@@ -134,7 +134,9 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Minimum number of samples (pairs of both systems' values) for computing agreement, or the CMC of two curves."""
+"""Minimum number of samples (pairs of both systems' values) for computing agreement, or the coefficient of multiple
+correlation (CMC) of two curves.
+"""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
 """Nominal shares of the errors that lie in a central interval (an interval around 0); ``calibration_error`` compares

@@ -67,7 +67,9 @@ class Pose:
 
     @property
     def angles_deg(self) -> dict[str, float]:
-        """Return each angle of docs/angles.md by its name, degrees; NaN if the pose does not determine the angle."""
+        """Return the value of each angle in docs/angles.md by the angle's name, degrees; NaN if the pose does not
+        determine the angle.
+        """
         return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
 
     @property

@@ -50,7 +50,7 @@ _ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
-    """Return the cells of the lines before the frames."""
+    """Return the cells of the TRC file's header, the lines before the lines of the frames."""
     rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
@@ -64,7 +64,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
-    """Yield the cells of the line of each frame."""
+    """Yield, for each frame, the cells of its line in the TRC file."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
         yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 

@@ -123,8 +123,8 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
     frame.
     """
     steps_s = np.diff(time_s)
-    # Even: where a short and a long step alternate, the median is then equal to the step itself, so no frame counts as
-    # missing
+    # an even number: where a short and a long step alternate, the median around a step then equals this step, so no
+    # frame counts as missing
     per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)
     usual_s = median_filter(steps_s, 2 * per_side + 1, mode="mirror")
     return np.asarray((steps_s <= LONGEST_STEP * usual_s) & (steps_s <= longest_known_gap_s(time_s)))

@@ -23,8 +23,8 @@ is about one and a half pixels wide on a page, and a third of a millimetre on pa
 """
 
 PAUSE: Final = 3.0
-"""Maximum interval between two frames, in median intervals. A longer interval is a pause, across which no line is
-drawn.
+"""Maximum interval between two successive frames, as a multiple of the median interval. A longer interval is a pause,
+across which no line is drawn.
 """
 
 

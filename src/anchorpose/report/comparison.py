@@ -55,11 +55,11 @@ def write_comparison(
 ) -> Path:
     """Write one page on two or more results folders, in the order given; each later folder is compared with the first.
 
-    labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
-    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes are used as limits where
-    they exceed the limits computed from the sigmas. dates: one per session, such as 2025-03-28, used for trends; by
-    default the labels, if all of them are dates. Raises InputError, before a page is written, if a folder is unusable
-    or the sessions cannot be compared.
+    labels: one per session; by default the names of the recordings or, if two recordings share a name, the names of the
+    folders or, if two folders share a name, their paths. reliability: a table of ``anchorpose reliability``; its
+    minimal detectable changes are used as limits where they exceed the limits computed from the sigmas. dates: one per
+    session, such as 2025-03-28, used for trends; by default the labels, if all of them are dates. Raises InputError,
+    before a page is written, if a folder is unusable or the sessions cannot be compared.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")

@@ -1,4 +1,6 @@
-"""Compute true places of a frame's nodes in another frame, and the distances of matches from them along the skin."""
+"""Compute the true places, in another frame, of a frame's nodes (points of the patient's surface), and the distances
+along the skin from these places to matches.
+"""
 
 from __future__ import annotations
 

@@ -26,8 +26,7 @@ class Scene(StrEnum):
 
 
 class Form(StrEnum):
-    """A form of the paper's tracking framework. In each form, the pose is computed from the matches of nodes in another
-    way.
+    """A form of the paper's tracking framework. The forms differ in how the pose is computed from the matches of nodes.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
     rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the

@@ -1,4 +1,6 @@
-"""Compute the true correspondence of simulated surfaces: the place, in another frame, of each node's skin point."""
+"""Compute the true correspondence of simulated surfaces: for each node (point of the mesh that a camera sees) of a
+frame, the place in another frame of the skin point that the node shows.
+"""
 
 from __future__ import annotations
 
@@ -85,8 +87,8 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) between
-        these along the mesh.
+        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) along the
+        mesh between these sampled vertices.
         """
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces

@@ -1,4 +1,4 @@
-"""Measure how far matches of nodes are from the true correspondence.
+"""Measure how far matches of nodes (points of the patient's mesh) are from the true correspondence.
 
 Matches are compared in windows. A window is a frame of a recording and the frames of its look-ahead, the next frames
 that the track tree uses. In a window, all methods match the same meshes.

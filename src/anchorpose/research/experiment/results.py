@@ -41,9 +41,10 @@ class Tracked:
 class Matched:
     """One method's matches between two frames of a simulated recording.
 
-    Arrays are over the m nodes of the first frame whose true place is seen in the second. Errors are distances of the
-    match from this place, NaN without a match. Direct matches are made without the track tree. A method with several
-    hypotheses (possible matches) per node has no direct matches, since only the tree chooses one.
+    Arrays have an entry for each of the m nodes (points of the patient's mesh) of the first frame whose true place is
+    seen in the second frame. Errors are distances of the match from this place, NaN without a match. Direct matches are
+    made without the track tree, which chooses matches with the help of later frames. A method with several hypotheses
+    (possible matches) per node has no direct matches, since only the tree chooses one.
     """
 
     scene: Scene
@@ -53,10 +54,10 @@ class Matched:
     frame: int
     occluded: bool  # whether either frame has a hole
     region: np.ndarray  # (m,) int8, region of the node, as an index into ``REGIONS``
-    direct_mm: np.ndarray  # (m,), straight distance of the direct match
-    tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
-    direct_skin_mm: np.ndarray  # (m,), distance of the direct match along the skin
-    tree_skin_mm: np.ndarray  # (m,), distance of the track tree's match along the skin
+    direct_mm: np.ndarray  # (m,), straight distance from the true place to the direct match
+    tree_mm: np.ndarray  # (m,), straight distance from the true place to the track tree's match
+    direct_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the direct match
+    tree_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the track tree's match
     # (m,) bool, whether the match is on the same part of the other side, such as the other hand. The match is the
     # direct match or, without a direct match, the match of the track tree.
     mirrored: np.ndarray
@@ -65,7 +66,7 @@ class Matched:
     body_m: float  # m, standing height of the patient; errors along the skin are also stated as shares of this height
     gap_s: float  # seconds between the two frames
     moved_mm: np.ndarray  # (m,), distance of the true place in the second frame from the node's place in the first
-    every_mm: np.ndarray  # (m,), straight distance of the match by a track tree that rejects no match
+    every_mm: np.ndarray  # (m,), as ``tree_mm``, but for a track tree that rejects no match
 
 
 @dataclass(frozen=True, slots=True)

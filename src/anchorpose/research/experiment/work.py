@@ -89,8 +89,8 @@ def track_segments(
 ) -> list[TrackedJoints]:
     """Track the segments that begin at ``starts`` by one method, in each trial and form.
 
-    Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. Trials
-    share descriptors and matches of frames into which no hole was cut.
+    Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. For
+    frames into which no hole was cut, all trials share the descriptors and matches.
     """
     associate = associate_once(method, setting)
     joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
@@ -109,7 +109,8 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    The result is the same for every form. Joints are taken from the pose, even if the tracker reports them as lost.
+    The result does not depend on the form of the paper's framework, in which this tracker does not run. Joints are
+    taken from the pose, even if the tracker reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:

@@ -51,7 +51,9 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
 
 @njit(cache=True)
 def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
-    """Divide a weight between the two bins whose middles are nearest to the direction ``fraction``, in turns."""
+    """Divide a weight between the two bins whose middles are nearest to the direction ``fraction``, a share of a
+    turn.
+    """
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low

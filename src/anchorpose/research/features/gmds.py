@@ -145,7 +145,7 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
-    """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that none is
+    """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that no map is
     better.
     """
     few = min(config.first_samples, len(among_a))

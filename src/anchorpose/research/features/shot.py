@@ -14,7 +14,9 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-SECTORS, LEANS = 32, 10  # sectors (8 around z, 2 outwards, 2 along z); intervals of the cosine between normal and z
+# Number of sectors (8 around z times 2 outwards times 2 along z); number of intervals of the cosine of the angle
+# between a normal and z
+SECTORS, LEANS = 32, 10
 COLUMNS = LEANS + 1  # columns of each sector, one for each end of an interval
 SIZE = SECTORS * COLUMNS
 _HALF = np.float32(0.5)

@@ -141,7 +141,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # nodes that deviate more in signature and place alone are not the most similar
+        worst = sums.max()  # a node whose deviation in signature and place alone exceeds this is not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue

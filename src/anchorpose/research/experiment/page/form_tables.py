@@ -1,4 +1,5 @@
-"""Make tables by form of the framework and by gap between frames; compare "next generation" with the other methods.
+"""Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare "next
+generation" with the other methods.
 
 Forms differ in whether body parts are also registered to the surface, and in whether bad matches are rejected.
 """

@@ -25,8 +25,11 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum number of nodes, as a share of the paper's; times of smaller meshes prove nothing
-CLEARLY_LESS: Final = 0.8  # maximum ratio of the error at head and neck to the error elsewhere for "clearly less"
+# Minimum number of nodes of a timed mesh, as a share of the number in the paper's mesh; times of a smaller mesh prove
+# nothing
+COMPARABLE: Final = 0.8
+# Maximum ratio of the error at head and neck to the error elsewhere, at which the error counts as "clearly less"
+CLEARLY_LESS: Final = 0.8
 # Minimum share, for "often", of the matches of hands or feet that lie on the opposite hand or foot. By chance, this
 # share is 1 in 40.
 OFTEN: Final = 0.1
