@@ -1,8 +1,8 @@
 """Find the difference between the clocks of another motion capture system and of the results, from the movement that
 both recorded. "Ours" means the results of this program, "theirs" the other system's recording.
 
-Distances between joints, and angles, do not depend on the frame of reference. So the clocks can be compared before the
-pose of one frame of reference relative to the other is known.
+Distances between joints, and angles, do not depend on the frame of reference. So the clocks of the two systems can be
+compared before the relative pose of their frames of reference is known.
 """
 
 from __future__ import annotations
@@ -114,8 +114,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # Near a gap or an end of the signal, the kernel is one-sided. This would shift the movement in time, so values
-    # there are left out.
+    # Near a gap or an end of the signal, the kernel covers samples on one side only. Smoothing would then shift the
+    # movement in time, so values there are left out.
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -152,7 +152,7 @@ LEAST_OVERLAP: Final = 0.4
 chance.
 """
 
-LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if one is short
+LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if a recording is short
 
 LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at the best offset; else no clock is found
 

@@ -89,7 +89,9 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
 
 
 def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """Compute ICC(2,1) with its 95 % interval: repeats are a random sample; differences between them count as error."""
+    """Compute ICC(2,1) with its 95 % interval: repeats are regarded as a random sample, so differences between repeats
+    count as error.
+    """
     n, k = subjects, repeats
     value = (ms.subjects - ms.rest) / (ms.subjects + (k - 1) * ms.rest + k * (ms.repeats - ms.rest) / n)
     a = k * value / (n * (1.0 - value))

@@ -148,9 +148,9 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
     The CMC is 1 where both curves coincide; offsets and gains between the curves lower it. It is None for fewer than
-    ``LEAST_SAMPLES`` samples. It is also None if the curves differ by more than they vary, since the CMC would be the
-    root of a negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two
-    protocols.
+    ``LEAST_SAMPLES`` samples. It is also None if the two curves differ from each other by more than they vary over
+    time, since the CMC would be the root of a negative number. Source: Ferrari et al. 2010
+    (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None

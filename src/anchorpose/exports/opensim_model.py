@@ -151,8 +151,8 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
             ("neck", (("extension", Z), ("bending", X))),
         )
     )
-    # the shoulder girdle moves on the chest, but the model has no joint for it: so the markers at the shoulders belong
-    # to the arms
+    # the shoulder girdle moves on the chest, but the model has no joint for this movement, so the markers at the
+    # shoulders belong to the arms
     top, markers = body["SpineShoulder"], _some(body, "SpineShoulder", "Neck")
     rods = ((zero, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
     return (

@@ -78,7 +78,8 @@ _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 # Coordinates that are held near zero, since markers do not determine the rotation of a straight limb about its long
 # axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
-_FREE_WEIGHT: Final = 1e-4  # so small that it does not shift coordinates that markers determine
+# Weight of these coordinates, so small that it does not shift coordinates that markers determine
+_FREE_WEIGHT: Final = 1e-4
 
 # For each measurement, by name: the two markers whose distance is measured, the body to scale, and the axes along which
 # the body is scaled.

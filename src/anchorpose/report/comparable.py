@@ -41,7 +41,7 @@ SCATTERS: Final = "sway scatters from minute to minute, and no repeated sessions
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the patient's best attempt
 
-# Measures in the unit of a count that are means, so they do not grow with time
+# measures whose unit is a count, but whose value is a mean, so the value does not grow with time
 _AVERAGED: Final = ("hands_on_at_once_mean",)
 
 _EXTREMES: Final = (
@@ -137,9 +137,9 @@ def _differ(old_s: float, new_s: float) -> bool:
 
 
 MIXED: Final = 0.1
-"""Maximum difference that the page does not state between the share of one recording that a condition takes up and its
-share of another recording. If a condition changes an angle by 10 degrees, a difference of a tenth shifts the mean over
-the recording by 1 degree, which is about its error.
+"""Limit of the difference between the shares of two recordings that the trials of a condition take up. The page states
+only differences above this limit. If a condition changes an angle by 10 degrees, a difference of a tenth shifts the
+mean over the recording by 1 degree, which is about its error.
 """
 
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; further settings are only counted

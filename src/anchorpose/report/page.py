@@ -1,4 +1,6 @@
-"""Write report.html from the tables, run.json and pictures of a results folder. The page needs no other files."""
+"""Write report.html from the tables, run.json and pictures of a results folder. The page contains everything that it
+shows, so a browser needs no other files.
+"""
 
 from __future__ import annotations
 

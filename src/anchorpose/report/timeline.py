@@ -1,7 +1,8 @@
 """Draw the session over time: trials, posture, contacts, visibility and sigma of joints, frames with problems.
 
 A contact is a light column from its beginning to its end. The column is dark up to the share of the touching skin that
-was seen. Each contact has only one such share, since the tables do not state at which moments it was seen.
+was seen. Each contact has only one such share, since the tables do not state at which moments the touching skin was
+seen.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def timeline(session: Session) -> Chart:
 
 
 def short_timeline(session: Session, label: str) -> Chart:
-    """Return posture and contacts only, to be shown beside other sessions."""
+    """Return a chart with only posture and contacts, to be shown beside the charts of other sessions."""
     return Chart(
         identity=f"timeline-{session.name}",
         title=f"Posture and contacts of {label}",

@@ -28,7 +28,9 @@ from anchorpose.tracker.room import Room, Run
 # m, stands for an unknown height: once the body is set, only the search for anchors needs a height
 NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
-ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
+# m, radius within which matches are searched; no node is farther away, so matches are searched among all nodes, as in
+# the paper
+ANYWHERE_M = 10.0
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
 """The paper's limit of the change of a node's distance to an anchor between two frames, as a sum of two parts. The
@@ -58,7 +60,9 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use it."""
+    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use this
+    room.
+    """
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 

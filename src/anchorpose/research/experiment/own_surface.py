@@ -29,7 +29,8 @@ NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm 
 TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
+# m per m of distance, added to SIGMA_M in quadrature, since limbs bend, and since the body model's sizes are inexact
+SIGMA_PER_M: Final = 0.02
 # Sigma of a turn (a sine). It is larger than a turn's error of 0.4, since ten turns are used but only four are
 # independent.
 TURN_SIGMA: Final = 0.6
@@ -232,7 +233,8 @@ def _longer(off_m: np.ndarray) -> np.ndarray:
 
 
 def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """Return (k,) metres: for each node, the standard deviation of the places that fit it almost as well as the best.
+    """Return (k,) metres: for each node, the standard deviation of the places of the skin points that fit the node
+    almost as well as the best skin point.
 
     places_m (p, 3): places of the skin points. off2 (k, p): squared deviations. least (k,): their minimum.
     """

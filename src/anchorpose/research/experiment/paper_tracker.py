@@ -118,7 +118,7 @@ def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
     """Return the pose after moving each arm whose hand is seen more than ``CONTRADICTED_M`` from its place in the pose.
 
     The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the tip of its hand to the
-    hand's anchor. All other skin is held in place.
+    hand's anchor. The skin points of the rest of the body are held in place.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]

@@ -144,7 +144,7 @@ def _tempered(log_weight: np.ndarray, left: float) -> float:
 
 
 def _drawn_again(states: np.ndarray, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw particles with equal weights; they have the mean and covariance of the given weighted particles."""
+    """Draw particles with equal weights, with the same mean and covariance as the given weighted particles."""
     mean, covariance = weight @ states, np.cov(states.T, aweights=weight)
     place = (rng.random() + np.arange(len(states))) / len(states)
     kept = states[np.minimum(np.searchsorted(np.cumsum(weight), place), len(states) - 1)]

@@ -44,7 +44,7 @@ class Matched:
     Arrays have an entry for each of the m nodes (points of the patient's mesh) of the first frame whose true place is
     seen in the second frame. Errors are distances of the match from this place, NaN without a match. Direct matches are
     made without the track tree, which chooses matches with the help of later frames. A method with several hypotheses
-    (possible matches) per node has no direct matches, since only the tree chooses one.
+    (possible matches) per node has no direct matches, since only the tree chooses among the hypotheses.
     """
 
     scene: Scene
@@ -122,7 +122,7 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method. Each has its score, and states whether it is chosen.
+    """Return the tried settings of a method. Each tried setting has its score, and states whether it is chosen.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

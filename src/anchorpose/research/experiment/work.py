@@ -1,4 +1,5 @@
-"""Do the work on one recording: simulate it, make its reference by tracking, cut holes, run tasks without a result.
+"""Do the work on one recording: simulate the recording, make its reference by tracking, cut holes, and run the tasks
+that have no result yet.
 
 In the paper's framework, a method runs on segments of the recording. This project's tracker runs on the whole
 recording.

@@ -58,8 +58,8 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """Compute d_PE between samples of one surface and candidates on another. In both sets, points lie as far apart as
-    possible.
+    """Compute d_PE between two sets of nodes: samples of the surface ``one``, and candidates on the surface ``other``.
+    In both sets, nodes lie as far apart as possible.
 
     Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
     pieces of a surface, distances are ``APART_M``.

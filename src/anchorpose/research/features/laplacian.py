@@ -93,7 +93,7 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Return three arrays (h,), h = 6 f, with one value per half-edge.
 
     tail: the half-edge's first node. after: the next half-edge of the same triangle. twin: the opposite half-edge,
-    which belongs to the adjacent triangle.
+    which belongs to the triangle that is glued there.
     """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()

@@ -27,7 +27,7 @@ _TWO = np.float32(2.0)
 
 @settings
 class ShotConfig:
-    """Settings of SHOT, which has 352 numbers."""
+    """Settings of SHOT, whose descriptors have 352 numbers."""
 
     # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with 15 cm, errors
     # of matches are 1.5 times as large

@@ -62,8 +62,8 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit to the
-        surface corrects them.
+        The claim is judged by errors of matches and not by errors of joints, which depend less on the feature, since
+        the fit to the surface corrects joints.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -199,8 +199,8 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes. The reader needs it, since a method that matches only
-        easy nodes has a lower error.
+        """Return texts with each method's share of matched nodes. The reader needs this share to judge the errors,
+        since a method that matches only easy nodes has a lower error.
         """
         lines = []
         for key in keys:

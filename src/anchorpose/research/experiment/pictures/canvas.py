@@ -63,7 +63,9 @@ class View:
 
 
 def upright_view(camera: Camera) -> View:
-    """Return the camera's view, turned so that the world's Y points up in it, however the camera is mounted."""
+    """Return the camera's view, turned so that the world's Y points up in the picture, however the camera is
+    mounted.
+    """
     T_world_camera, up = camera.require_pose(), np.array([0.0, 1.0, 0.0])
     towards = -T_world_camera[:3, 2] * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(towards))
