@@ -154,7 +154,8 @@ chance.
 
 LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if a recording is short
 
-LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at the best offset; else no clock is found
+# Minimum correlation of the systems' signals at the best offset; with a smaller correlation, NoCommonMovement is raised
+LEAST_CORRELATION: Final = 0.6
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
@@ -165,7 +166,9 @@ repeats itself and does not determine the offset.
 """
 
 ITERATIONS: Final = 20  # maximum number of least-squares steps
-BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife omits one stretch at a time
+# Number of stretches of equal duration into which the common time of both recordings is divided; the jackknife omits
+# one stretch at a time
+BLOCKS: Final = 10
 HUBER: Final = 2.5  # limit of a residual, in robust standard deviations of its signal; larger residuals get less weight
 
 

@@ -25,8 +25,8 @@ LEAST_FRAMES: Final = 10
 """Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
 
 FARTHEST: Final = 4.0
-"""Limit of the distance between both systems' positions of a joint, in medians of this distance. In frames beyond the
-limit, the joint gets less weight, since one of the systems has probably lost it.
+"""Limit of the distance that the fit leaves between both systems' positions of a joint, as a multiple of the median of
+these distances. In frames beyond the limit, the joint gets less weight, since one of the systems has probably lost it.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0

@@ -163,7 +163,7 @@ metres and centimetres), since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
-Values = dict[tuple[str, str], dict[Key, float]]  # values by subject and repeat, then by measure
+Values = dict[tuple[str, str], dict[Key, float]]  # the values of all measures, for each subject and repeat
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:

@@ -30,7 +30,8 @@ EVEN: Final = 0.01
 
 
 class Results:
-    """An open results folder. Each table is read when it is first asked for. Missing values stay missing (NaN or None).
+    """An open results folder. Each table is read when it is requested for the first time. Missing values stay missing
+    (NaN or None).
 
     folder: the path of the results. If ``track`` was called without a folder, this is a temporary folder that exists as
     long as this object lives.

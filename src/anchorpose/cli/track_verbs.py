@@ -234,7 +234,7 @@ def batch(
         raise InputError(out, "was given no recordings", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
-    options.settings()  # refuses a mistake in the settings file once, before any session begins
+    options.settings()  # raises an error for a mistake in the settings file, once, before any session begins
     sessions = find_sessions(recordings, options)
     if index is not None and not summary:
         row = run_one(sessions, out, index)

@@ -80,7 +80,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         with opened_parquet(path) as file:
             schema, count = file.schema_arrow, file.metadata.num_rows
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in schema.types):
-            continue  # images of person labels, which only the viewer uses
+            continue  # leaves out tables with images of person labels, which only the viewer uses
         name = f"{path.stem}.csv"
         rows += count
         _write(folder / name, schema.names, _rows(path))

@@ -139,7 +139,7 @@ def _differ(old_s: float, new_s: float) -> bool:
 MIXED: Final = 0.1
 """Limit of the difference between the shares of two recordings that the trials of a condition take up. The page states
 only differences above this limit. If a condition changes an angle by 10 degrees, a difference of a tenth shifts the
-mean over the recording by 1 degree, which is about its error.
+mean over the recording by 1 degree, which is about the error of this mean.
 """
 
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; further settings are only counted

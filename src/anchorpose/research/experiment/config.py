@@ -74,7 +74,7 @@ class ExperimentConfig:
     recordings: Count = 20  # number of recordings; with 150 frames each, they have 3,000 frames, as in the paper
     seconds: Positive = 15.0  # s, duration of each recording of the paper's scene
     fps: Annotated[Positive, Field(le=30)] = 10.0
-    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
+    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of the holes that are cut into depth images; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
     # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
     # pose.
@@ -101,8 +101,10 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
-    tuned: bool = True  # False: every method uses its first setting
-    pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
+    # Whether each method's setting is chosen on the training recordings; False: every method uses its first setting
+    tuned: bool = True
+    # Whether pictures of matches, hypotheses and tracked joints are drawn; False: tables and figures only
+    pictures: bool = True
     resamples: Annotated[Count, Field(ge=100)] = 2000  # number of random draws of recordings for a bootstrap interval
 
     def __post_init__(self) -> None:

@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a skin point is seen if a node is within this distance
+SEEN_M = 0.025  # m, twice the spacing of nodes; a skin point counts as seen if a node is within this distance
 ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
-SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
+SPACING_M = 0.04  # m, spacing of the sampled skin points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),

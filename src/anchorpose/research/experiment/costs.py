@@ -20,7 +20,7 @@ MAKING: Final = 2.0  # time to simulate a frame and to make its reference by tra
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Estimated costs in seconds of one core, by the key of the method."""
+    """Estimated computing times on one core, in seconds, by the key of the method."""
 
     # s per frame for all forms of the framework and sizes of hole together, since they share descriptors and matches
     frame_s: Mapping[str, float]

@@ -101,8 +101,8 @@ def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-# Number of nodes per window whose matches are compared with the truth: enough for a mean, and few enough for storing
-# them all.
+# Number of nodes per window whose matches are compared with the truth: enough for an accurate mean, and few enough to
+# store the errors of all these nodes.
 COMPARED = 400
 
 

@@ -39,10 +39,12 @@ TURN_SIGMA: Final = 0.6
 # Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# Maximum excess of a skin point's sum of squared deviations over the best point's sum, for the point to fit almost as
-# well.
+# Limit for skin points that fit a node almost as well as the best point: their sum of squared deviations exceeds the
+# best point's sum by less than this.
 ALMOST: Final = 2.0
-CLEAR_M: Final = 0.10  # m, maximum spread of the skin points that fit a node almost as well as the best: thigh width
+# m, maximum spread (standard deviation) of the skin points that fit a node almost as well as the best point: the width
+# of a thigh; a node with a larger spread has no match
+CLEAR_M: Final = 0.10
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
 # Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
 # of ``SIGMA_M``.

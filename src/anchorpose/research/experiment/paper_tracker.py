@@ -111,7 +111,8 @@ HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)
 BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
 HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place
-HELD_EVERY: Final = 4  # step between the skin points outside of the arm that are held in place: every fourth
+# Step between the skin points outside of the arm that are held in place: every fourth point is held
+HELD_EVERY: Final = 4
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:

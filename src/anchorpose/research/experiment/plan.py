@@ -102,7 +102,7 @@ class Task:
     method: Method
     setting: object
     path: Path  # file of the task's result
-    forms: tuple[Form, ...]  # forms of the framework in which joints are tracked
+    forms: tuple[Form, ...]  # forms (variants) of the paper's framework in which joints are tracked
     pairs: int  # number of pairs of frames whose matches are compared
 
     @property
@@ -207,7 +207,7 @@ class PlanSpec:
     movements: Path
     movements_digest: str
     cache: Path
-    code: str  # digest of the experiment's code, to notice in the other process that the code has changed
+    code: str  # digest of the experiment's code, by which the other process notices that the code has changed
     training: bool = False
 
     def plan(self) -> Plan:

@@ -98,7 +98,7 @@ class ExperimentResults:
     """All results of an experiment."""
 
     config: ExperimentConfig
-    methods: tuple[Method, ...]  # in the order of the tables
+    methods: tuple[Method, ...]  # all methods, in the order in which tables show them
     tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # key of each method, and the settings tried for it
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]

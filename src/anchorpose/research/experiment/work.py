@@ -73,7 +73,7 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 class Trial:
     """A recording with one size of hole, and the forms of the framework in which methods run on it."""
 
-    recording: Recording  # as read, before the cameras' clocks are aligned
+    recording: Recording  # the recording as read from its folder, before the cameras' clocks are aligned
     given: GivenFrames
     cut: np.ndarray  # (t,) bool, frames that lost readings
     runs: Mapping[Form, Run]

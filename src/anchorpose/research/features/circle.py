@@ -46,7 +46,8 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
         fraction = -fraction
     fraction -= begin
     fraction -= np.floor(fraction)
-    return fraction if fraction < 1.0 else 0.0  # 1.0 is the rounded result of a value just below 0
+    # A value just below 0 is rounded to 1.0, which means the same direction as 0
+    return fraction if fraction < 1.0 else 0.0
 
 
 @njit(cache=True)

@@ -5,7 +5,8 @@ apart. Samples are mapped so that the distances between them change as little as
 the few farthest samples onto few candidates and keeps the best maps that differ from each other. Next, all samples are
 mapped onto more candidates. Finally, in the best maps, each sample may move to any node of the target. All other nodes
 are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
-(doi:10.1073/pnas.0508601103): their least squares, with branch and bound for the initial map.
+(doi:10.1073/pnas.0508601103): this module minimises the authors' sum of squares, and finds the initial map by branch
+and bound.
 """
 
 from __future__ import annotations

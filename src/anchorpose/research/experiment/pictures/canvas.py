@@ -142,7 +142,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    # not set_axis_off, with which the layout would leave no space for the title
+    # ``set_axis_off`` is not used, since the layout would then leave no space for the title
     axes.set(xticks=[], yticks=[], frame_on=False)
 
 
