@@ -22,7 +22,7 @@ from anchorpose.rotations import fit_rigid_transform, rigid, rotation_matrices, 
 
 ROUNDS: Final = 15  # maximum number of Gauss-Newton steps
 LEAST_FRAMES: Final = 10
-"""Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
+"""Minimum number of frames in which both systems have a joint; a joint with fewer frames is not used."""
 
 FARTHEST: Final = 4.0
 """Limit of the distance that the fit leaves between both systems' positions of a joint, as a multiple of the median of
@@ -224,7 +224,7 @@ def _step(
 
 
 def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T followed by a small rotation about the point ``centre_m`` and a shift."""
+    """Return the rigid transform T, followed by a small rotation about the point ``centre_m`` and a shift."""
     rotation = rotation_matrices(turn[None])[0]
     return np.asarray(rigid(rotation, centre_m - rotation @ centre_m + shift) @ T)
 

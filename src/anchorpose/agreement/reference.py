@@ -194,9 +194,9 @@ the first (flexion) is compared.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording in this program's terms. time_s (t,): times on its clock; centres: joint centres in
-    its frame; degrees (t, a): the angles ``angles``, with the names of this program, which have the names ``labels`` in
-    the file. notes: sentences on how labels and signs in the file were interpreted.
+    """The other system's recording, converted to this program's joints and angles. time_s (t,): times on its clock;
+    centres: joint centres in its frame; degrees (t, a): the angles ``angles``, with the names of this program, which
+    have the names ``labels`` in the file. notes: sentences on how labels and signs in the file were interpreted.
     """
 
     path: Path

@@ -193,8 +193,8 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
     its values differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without
     such values. grid (subjects, repeats): the values.
 
-    A single value may be near zero by nature. So small values count only if the median over all subjects of a session
-    is small; large values count also for a single subject.
+    A single value may be near zero by nature. So small values are reported only if the median over all subjects of a
+    session is small; large values are reported also for a single subject.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]

@@ -154,7 +154,7 @@ def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
 
 
 SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-"""The coordinates that are lengths, not angles."""
+"""Names of the OpenSim coordinates that are lengths, not angles."""
 
 
 def opensim_coordinates(

@@ -174,7 +174,8 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
     shares of the full height; 0 draws nothing.
     """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
-    middle = (place[1:] + place[:-1]) / 2.0  # columns of neighbouring groups meet midway, except beside a pause
+    # Columns of neighbouring groups meet midway between the groups, except beside a pause
+    middle = (place[1:] + place[:-1]) / 2.0
     left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
     right = _across(np.append(np.where(bins.after_pause[1:], place[:-1], middle), 1.0))
     parts = []

@@ -242,7 +242,9 @@ THROUGH: Final = Markup("At some moments a limb lies where a camera sees somethi
 
 
 class MomentSection(NamedTuple):
-    """A sentence, and the worst moments as rows of (time, cells)."""
+    """The content of the section on moments at which body and depth images disagree: a sentence, and the worst moments
+    as table rows (time, cells).
+    """
 
     sentence: Markup
     rows: list[tuple[Markup, list[Markup]]]

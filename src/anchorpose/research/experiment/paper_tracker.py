@@ -38,7 +38,7 @@ class Way:
 
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched
-    update: Update = Update.PARTS  # how the pose is updated by the matches
+    update: Update = Update.PARTS  # way in which the matches update the pose
     # whether an arm is moved if its hand is seen elsewhere than the pose states (``bring_limbs_back``)
     own_surface: bool = False
 

@@ -154,7 +154,9 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the radii in metres of the clip's holes, 0 = no hole. With loose clothes: only 0 and the largest."""
+        """Return the radii in metres of the clip's holes, 0 = no hole. With loose clothes, these are only 0 and the
+        largest radius.
+        """
         if self.training:
             return (0.0, TUNING_HOLE_M)
         if clip.scene is Scene.LOOSE:

@@ -203,7 +203,9 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 @contextmanager
 def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
-    """Yield a trial of the recording for each of these sizes of hole. Raises InputError as ``cut_holes`` does."""
+    """Yield, for each of these sizes of hole, a trial (the recording with such holes, and what methods need to run on
+    it). Raises InputError as ``cut_holes`` does.
+    """
     with ExitStack() as stack:
         room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}

@@ -101,7 +101,8 @@ _A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.106183706, -0.0745685481, 0.0421
 _A8 = np.float32(0.00276628348)
 ZERO: Any
 ONE: Any
-ZERO, ONE = np.float32(0.0), np.float32(1.0)  # float32; with Python's literals, all results would be float64
+# Constants in float32; with Python's literals, all results would be float64
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
 PI, HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
 
 

@@ -21,7 +21,8 @@ class Metric(StrEnum):
     """The distance measure between two descriptors."""
 
     EUCLIDEAN = "euclidean"
-    HELLINGER = "hellinger"  # Euclidean distance between the square roots of the rows, which are not normalised here
+    # Euclidean distance between the square roots of the rows; this module does not normalise rows
+    HELLINGER = "hellinger"
     MANHATTAN = "manhattan"
 
 
