@@ -222,8 +222,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 PER_STRETCH: Final = 2
-"""Length of a stretch of time, in correlation times of the errors. A stretch counts as this many independent
-differences.
+"""Length of a stretch of time, as a multiple of the correlation time of the errors. A stretch counts as this many
+independent differences.
 """
 
 

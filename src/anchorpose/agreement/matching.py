@@ -1,5 +1,5 @@
-"""Match the frames of a results folder with those of another system: express both on the same clock, in the same frame
-of reference, with the same joints and angles.
+"""Match the frames of a results folder with the frames of another system's recording: express both on the same clock,
+in the same frame of reference, with the same joints and angles.
 """
 
 from __future__ import annotations
@@ -241,7 +241,8 @@ def _middle_of_range(degrees: np.ndarray) -> float:
 
 def _knee_sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
     """Return the sign (1, -1, or NaN if it is undecided), and a text that explains it. as_given_deg, opposite_deg:
-    difference of the middles of the ranges from the results, with the sign as in the file and with the opposite sign.
+    difference between the middle of the range in the results and in the file, with the sign as in the file and with the
+    opposite sign.
     """
     if opposite_deg - as_given_deg > LARGEST_ZERO_DEG:
         return 1.0, "taken with the sign as given"

@@ -26,8 +26,8 @@ LARGEST_GREY: Final = 65535  # the largest 16-bit grey value
 class Setup:
     """The cameras of a recording, and optional prior knowledge about the patient and the room.
 
-    subject: what is known about the patient, such as the height. equipment: path of an equipment.json. empty_room_m:
-    for each camera name, a depth image (height, width) of the room without people, in metres.
+    subject: known facts about the patient, such as the height. equipment: path of an equipment.json. empty_room_m: for
+    each camera name, a depth image (height, width) of the room without people, in metres.
     """
 
     cameras: Sequence[Camera]

@@ -118,8 +118,8 @@ def _some(body: Places, *names: str) -> Places:
 
 
 WIDE: Final = (-4.0 * np.pi, 4.0 * np.pi)
-"""Range in radians of all rotations but those of hinges. The range is wider than any movement of a patient, since
-OpenSim clamps a coordinate to its range, and OpenSim's inverse kinematics may stop at a limit.
+"""Range in radians of all rotations except the rotations of hinges. The range is wider than any movement of a patient,
+since OpenSim clamps a coordinate to its range, and OpenSim's inverse kinematics may stop at a limit.
 """
 
 HINGE: Final = (np.radians(-30.0), np.pi)

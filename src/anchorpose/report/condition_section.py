@@ -149,10 +149,10 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
 
 
 def _time_limits(rows: Sequence[Measure], session: Session, trials: Trials) -> tuple[dict[str, str], dict[str, float]]:
-    """Return two dicts by condition, for a measure that grows with time: the reason why the measure is not tested (its
-    trials with a value differ in duration, or its mean time with known posture differs from that of the reference
-    condition); and how much it may differ from the reference condition only because the trials of one condition last
-    longer.
+    """Return two dicts by condition, for a measure that grows with time. The first dict has the reason why the measure
+    is not tested: the trials with a value differ in duration, or the mean time over which the measure is taken (such as
+    the time with known posture) differs between the condition and the reference condition. The second dict has how much
+    the measure may differ from the reference condition only because the trials of one condition last longer.
     """
     known = {row.trial for row in rows if row.value is not None}
     means = condition_measures(trials, [row for row in session.trial_measures if row.trial in known])

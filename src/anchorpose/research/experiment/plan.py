@@ -117,7 +117,7 @@ class Plan:
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
-    settings: Mapping[str, object]  # setting of each method, by its key
+    settings: Mapping[str, object]  # setting of each method, by the method's key
     movements: Path  # file of the reference movements
     movements_digest: str  # digest of the content of ``movements``
     store: ResultStore

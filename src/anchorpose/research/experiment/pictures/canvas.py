@@ -1,4 +1,6 @@
-"""Provide what all pictures use: pairs of frames with the truth, reproducible figures, a level view, shaded meshes."""
+"""Provide the parts that all pictures use: pairs of frames with the truth, reproducible figures, a level view, shaded
+meshes.
+"""
 
 from __future__ import annotations
 
