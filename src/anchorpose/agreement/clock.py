@@ -19,8 +19,8 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Rate in Hz of the evenly spaced times (the grid) at which signals are compared; between two such times, movement is
-smooth.
+"""Rate in Hz of the evenly spaced times (the grid) at which signals are compared; movement is smooth within the 10 ms
+between two such times.
 """
 
 SMOOTHING_S: Final = 0.04

@@ -139,7 +139,9 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: a text per match, equal for the same person."""
+    """Return the rows of agreement, each over all recordings. subjects: the name of the person in each match; matches
+    with the same name are of the same person.
+    """
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]

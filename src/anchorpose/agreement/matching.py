@@ -188,7 +188,7 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
     """Return the median distance between both systems' joints (n, 21, 3), NaN where missing, after the best rigid
-    motion of the other system's joints onto the results'.
+    motion of the other system's joints onto the joints of the results.
     """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])
@@ -208,8 +208,8 @@ def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
 
     Both knees get the same sign: the sign with which the middle of the range of their angles is nearer to this middle
     in the results. Since knees bend in one direction only, this comparison needs no common clock. If both signs fit
-    about equally, for example to straight knees, the angles become NaN. Knees that have this program's names in the
-    file have this program's sign.
+    about equally, for example to straight knees, the angles become NaN. Knee angles that have this program's names in
+    the file keep their sign.
     """
     named = enumerate(zip(reference.angles, reference.labels, strict=True))
     knees = [k for k, (name, label) in named if name.startswith("knee_flexion") and label not in ANGLE_NAMES]

@@ -40,8 +40,8 @@ mm, or of 0.2 degrees and 1 mm; two weights give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
-"""Length in m that is added to a joint's sigma in quadrature. It allows for errors of the reference, and for stated
-sigmas that are too small.
+"""Length in m that is added to a joint's sigma in quadrature. This length allows for errors of the reference, and for
+stated sigmas that are too small.
 """
 
 MOST_FRAMES: Final = 1000

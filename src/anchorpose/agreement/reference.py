@@ -36,7 +36,7 @@ moved in one plane or hardly at all, so the centre is undetermined along one dir
 FARTHEST_M: Final = 0.04
 """Maximum distance in metres between the functional hip centre and the centre from the regression; the regression is
 accurate to 15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking
-(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away.
+(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away from the centres by the regression.
 """
 
 
@@ -195,8 +195,8 @@ the first (flexion) is compared.
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """The other system's recording, converted to this program's joints and angles. time_s (t,): times on its clock;
-    centres: joint centres in its frame; degrees (t, a): the angles ``angles``, with the names of this program, which
-    have the names ``labels`` in the file. notes: sentences on how labels and signs in the file were interpreted.
+    centres: joint centres in its frame; degrees (t, a): the angles that have the names ``angles`` in this program and
+    the names ``labels`` in the file. notes: sentences on how labels and signs in the file were interpreted.
     """
 
     path: Path

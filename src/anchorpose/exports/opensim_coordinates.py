@@ -161,8 +161,8 @@ def opensim_coordinates(
     position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
 ) -> dict[str, np.ndarray]:
     """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out coordinates that joints
-    do not determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
-    Rotations are between -180 and 180 degrees, arm_flex between -90 and 270.
+    do not determine. Each coordinate is an array (n,), in degrees for rotations and in metres for ``SHIFTS``, NaN where
+    a joint is missing. Rotations are between -180 and 180 degrees, arm_flex between -90 and 270.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
     computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros: if it is given

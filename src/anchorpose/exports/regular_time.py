@@ -20,7 +20,7 @@ from anchorpose.results.frame_time import LONGEST_STEP, longest_known_gap_s, run
 
 NEAR_SHARE: Final = 0.01
 """Maximum difference between the time of a sample and a grid time for the sample to be used unchanged, as a share of
-the time between frames. At 30 frames per second, it is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+the time between frames. At 30 frames per second, this difference is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 

@@ -174,8 +174,9 @@ _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> dict[int, str]:
-    """Choose the frames for the report's pictures; return, by the row in the joints' table and in the order of time,
-    the reason in words, empty for frames spread over the recording.
+    """Choose the frames for the report's pictures; return a dict, in the order of time, from the row of each chosen
+    frame in the joints' table to the reason for the choice in words, which is empty for frames spread over the
+    recording.
 
     segmented (n,) bool: True for frames with person labels; the most and the least certain frame are chosen among these
     frames, if the patient is found in them.
@@ -201,9 +202,9 @@ def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
 def draw_chosen(
     results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig
 ) -> Iterator[tuple[PictureRecord, bytes]]:
-    """Yield a picture (see ``draw_scene``) for each camera and each frame of ``choose_frames``, if the camera has a
-    depth image and person labels in this frame: its entry in run.json, and its PNG. Yield no pictures if the patient's
-    body (``shape``) is unknown.
+    """Yield, for each frame of ``choose_frames`` and each camera with a depth image and person labels in this frame, a
+    picture (see ``draw_scene``), as its entry in run.json and its PNG. Yield no pictures if the patient's body
+    (``shape``) is unknown.
 
     results: a folder with all tables; sheet: settings by which a camera's surface is meshed.
     """

@@ -41,7 +41,7 @@ patient was in plain view.
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
 """Limits of the share of lost joint positions. Above the first limit, the verdict on the data begins with the lost
-positions. Above the second limit, it states that most positions are lost.
+positions. Above the second limit, the verdict states that most positions are lost.
 """
 
 
