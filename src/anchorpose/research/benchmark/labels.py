@@ -82,8 +82,8 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has both a label and a depth
-    reading.
+    """Return the position (3,), metres, world, of the middle of a labelled trunk; None if no joint of ``TRUNK`` has
+    both a label and a depth reading.
     """
     found = []
     for name in TRUNK:

@@ -33,7 +33,7 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """A part of the benchmark: recordings for developing a method, or recordings for the figures of the leader
+    """A part of the benchmark: recordings for developing a method, or recordings for the numbers on the leader
     board.
     """
 

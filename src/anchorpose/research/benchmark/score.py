@@ -146,7 +146,8 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return, by task, the differences ``one`` minus ``other`` in two figures, with 95 % intervals (_low, _high).
+    """Return, by task, the differences ``one`` minus ``other`` in two numbers (mm, within_50mm), with 95 % intervals
+    (_low, _high).
 
     mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
     questions with an error of at most 50 mm, positive if ``one`` is better. Intervals come from the bootstrap over

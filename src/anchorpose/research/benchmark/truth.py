@@ -73,7 +73,7 @@ class PairTruth:
 
 
 def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
-    """Return the truth about a pair. group: the folder of its group; skin: skin of the group's simulation."""
+    """Return the truth about a pair. group: the folder of the pair's group; skin: skin of the group's simulation."""
     first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
     places = skin.follow(first, pair.first_frame, pair.second_frame, second)
     return PairTruth(skin, pair, first, second, places)

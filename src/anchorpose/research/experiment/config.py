@@ -79,8 +79,8 @@ class ExperimentConfig:
     # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
     # pose.
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # Number of segments per recording on which every method runs, drawn at random. The pose in the first of their ten
-    # frames is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
+    # Number of segments per recording on which every method runs, drawn at random. In the first of a segment's ten
+    # frames, the pose is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
@@ -92,7 +92,7 @@ class ExperimentConfig:
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
     scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    # also run variants of anchorpose's tracker that lack one component each, in scenes with a standing frame
+    # whether variants of anchorpose's tracker that lack one component each also run, in scenes with a standing frame
     ablation: bool = True
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401

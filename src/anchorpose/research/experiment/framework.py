@@ -31,7 +31,7 @@ NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so 
 # m, radius within which matches are searched; no node is farther away, so matches are searched among all nodes, as in
 # the paper
 ANYWHERE_M = 10.0
-ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
+ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that it tracks all nodes
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
 """The paper's limit of the change of a node's distance to an anchor between two frames, as a sum of two parts. The
 first part, 5 cm as in the paper, allows for the anchor's jitter. The second part grows with the distance and allows for
@@ -48,7 +48,7 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # ``Reference`` already has the cameras' clocks
+        clocks=ClockConfig(estimate=False),  # clocks are not estimated again, since ``Reference`` has them
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),

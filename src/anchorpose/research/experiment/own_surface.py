@@ -51,7 +51,7 @@ LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a 
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
 
-MIRRORED: Final = np.array(  # the anchors with left and right exchanged
+MIRRORED: Final = np.array(  # indices of the anchors, with left and right exchanged
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
 )
 PAIRS: Final = tuple(combinations(range(len(ANCHOR_NAMES)), 2))
@@ -62,7 +62,7 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 class OwnSurface:
     """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns."""
 
-    distance_m: np.ndarray  # (p, 5), along the skin in the rest pose, to the tips of head, hands and feet
+    distance_m: np.ndarray  # (p, 5), distances along the skin in the rest pose to the tips of head, hands and feet
     turns: np.ndarray  # (p, 10), see ``turns``
 
 

@@ -27,8 +27,8 @@ class Tracked:
     method: str
     frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
-    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's joint); NaN if either is
-    # unknown
+    # (f, 21), distance of the tracked joint from the true joint (in real recordings, from the reference skeleton's
+    # joint); NaN if either is unknown
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -80,7 +80,8 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Times on one core, in s, for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
+    """Times on one core, in s, for making a mesh with a node at every pixel, and for computing the distances of all
+    nodes to five nodes.
 
     These times are compared with the paper's times.
     """

@@ -296,7 +296,9 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return the frames of tracked joints that the other methods have, too: the segments without their first frames."""
+    """Return the tracked joints in only the frames that the other methods have, too: the segments without their first
+    frames.
+    """
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True
