@@ -114,8 +114,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # Near a gap or an end of the signal, the kernel covers samples on one side only. Smoothing would then shift the
-    # movement in time, so values there are left out.
+    # Near a gap or an end of the signal, the kernel covers fewer samples on one side than on the other. Smoothing would
+    # then shift the movement in time, so values there are left out.
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -159,8 +159,8 @@ LEAST_CORRELATION: Final = 0.6
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""Limits for a rival of the best offset, which is a second offset that fits equally well: an offset more than
-``RIVAL_DISTANCE_S`` away counts as equally good if the share of the movement that it leaves unexplained (1 -
+"""Limits for a rival: a second offset that fits as well as the best offset. A peak of the correlation at an offset more
+than ``RIVAL_DISTANCE_S`` from the best offset is a rival if the share of the movement that it leaves unexplained (1 -
 correlation^2) is less than ``RIVAL_FACTOR`` times the share that the best offset leaves unexplained. The movement then
 repeats itself and does not determine the offset.
 """

@@ -140,7 +140,7 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
     """Return the rows of agreement, each over all recordings. subjects: the name of the person in each match; matches
-    with the same name are of the same person.
+    with the same name count as matches of one person.
     """
     rows = list[Agreement]()
     for quantity in quantities(matches):
@@ -318,8 +318,8 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Matched recordings, the name of the person in each recording (``subjects``), and the rows of agreement over all
-    recordings.
+    """Matched recordings, the name of the person in each recording (``subjects``; ``NOT_NAMED`` if no names are given),
+    and the rows of agreement over all recordings.
     """
 
     matches: tuple[Match, ...]

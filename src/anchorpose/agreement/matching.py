@@ -39,8 +39,8 @@ larger ratio means that the reference's lengths are in another unit.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """A results folder and a reference (the recording of another system) at the same times: the reference is resampled
-    to the frames of ``joints``, and all arrays have a row per frame.
+    """A results folder and a reference (the recording of another system) at the same times: joints and angles of the
+    reference are resampled to the frames of ``joints``, and all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
@@ -206,10 +206,10 @@ def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
     determined. ours: angles of the results. The systems differ in this sign: in OpenSim's models, for example, a bent
     knee is negative in gait2392 and positive in the model of Rajagopal.
 
-    Both knees get the same sign: the sign with which the middle of the range of their angles is nearer to this middle
-    in the results. Since knees bend in one direction only, this comparison needs no common clock. If both signs fit
-    about equally, for example to straight knees, the angles become NaN. Knee angles that have this program's names in
-    the file keep their sign.
+    Both knees get the same sign: the sign with which the middle of the range of the file's knee angles is nearer to the
+    middle of the range in the results. Since knees bend in one direction only, this comparison needs no common clock.
+    If both signs fit about equally, for example to straight knees, the angles become NaN. Knee angles that have this
+    program's names in the file keep their sign.
     """
     named = enumerate(zip(reference.angles, reference.labels, strict=True))
     knees = [k for k, (name, label) in named if name.startswith("knee_flexion") and label not in ANGLE_NAMES]
@@ -241,8 +241,8 @@ def _middle_of_range(degrees: np.ndarray) -> float:
 
 def _knee_sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
     """Return the sign (1, -1, or NaN if it is undecided), and a text that explains it. as_given_deg, opposite_deg:
-    difference between the middle of the range in the results and in the file, with the sign as in the file and with the
-    opposite sign.
+    absolute difference between the middle of the range in the results and in the file, with the sign as in the file and
+    with the opposite sign.
     """
     if opposite_deg - as_given_deg > LARGEST_ZERO_DEG:
         return 1.0, "taken with the sign as given"

@@ -144,8 +144,8 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21, 3): the difference between the results' joints and the reference's joints, minus the offset, in
-    the world frame.
+    """Return (n, 21, 3), in the world frame: the results' joints minus the reference's joints minus the joints'
+    offsets.
     """
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 

@@ -36,7 +36,7 @@ moved in one plane or hardly at all, so the centre is undetermined along one dir
 FARTHEST_M: Final = 0.04
 """Maximum distance in metres between the functional hip centre and the centre from the regression; the regression is
 accurate to 15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking
-(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away from the centres by the regression.
+(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away from the regression's centres.
 """
 
 
@@ -238,8 +238,8 @@ def exchanged(reference: Reference) -> Reference:
 def _angles(captured: Captured) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
     """Return this program's names of the file's angles, their labels in the file, and the angles (t, a) in degrees.
 
-    If the file has the angle ``pelvis_list``, which only OpenSim writes, its pelvis angles are OpenSim's. They are left
-    out, because this program's angles of the same names have other signs and zeros.
+    If the file has the angle ``pelvis_list``, a coordinate of OpenSim's models, its pelvis angles are OpenSim's. They
+    are left out, because this program's angles of the same names have other signs and zeros.
     """
     columns, of_opensim = dict[str, int](), "pelvis_list" in captured.angles
     for column, label in enumerate(captured.angles):

@@ -37,8 +37,8 @@ class Setup:
 
     @contextmanager
     def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
-        """Write a recording without depth images into an existing empty folder, and yield one writer per camera, which
-        adds the camera's depth images.
+        """Write a recording that has no frames yet into an existing empty folder, and yield one writer per camera,
+        which adds the camera's depth images.
 
         Raises InputError if the description of a camera, the patient or the equipment is wrong, and AnchorposeError if
         ``empty_room_m`` names an unknown camera.

@@ -39,8 +39,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-# s; default duration of the first seconds, as in ``anchorpose live``: in this time, a patient moves enough to locate
-# the joints
+# s; default duration of the first part of a session, from which the body is learnt, as in ``anchorpose live``: in this
+# time, a patient moves enough to locate the joints
 START_S: Final = 6.0
 
 
@@ -156,7 +156,7 @@ class Tracker:
         depth_m: for each camera name, a depth image (height, width), metres along the optical axis; 0, NaN and infinite
         mean that the pixel has no reading. A camera that is left out has no image in this frame. time_s: time of the
         frame, later than the time of the previous frame. The step that ends the first seconds also learns the body, so
-        it takes much longer than any other step. Raises AnchorposeError if an argument does not fit the cameras or the
+        it takes much longer than other steps. Raises AnchorposeError if an argument does not fit the cameras or the
         previous frames, or if the tracker is closed.
         """
         if self._closed:
@@ -176,7 +176,7 @@ class Tracker:
         return self._answer(estimate)
 
     def _begin(self) -> None:
-        """Start collecting the frames of the first seconds, of which the next frame is the earliest."""
+        """Start collecting the frames of the first seconds; the next frame is the earliest of them."""
         self._began_s = np.nan
         with ExitStack() as stack:
             self._folder = Path(mkdtemp(prefix="anchorpose-"))

@@ -74,8 +74,8 @@ class Results:
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """Return a row for each interval in which the patient was upright, stood up, sat down or swung a foot, and for
-        each event: a knee that buckled, a stand that failed, a recovery step.
+        """Return a table with a row for each interval in which the patient was upright, stood up, sat down or swung a
+        foot, and for each event: a knee that buckled, a stand that failed, a recovery step.
         """
         return self._frame("episodes")
 

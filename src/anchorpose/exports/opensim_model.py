@@ -39,8 +39,8 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return each joint's position in its OpenSim body, as the median over the frames of position_m (n, 21, 3); None if
-    the two ends of a bone are never known in the same frame.
+    """Return each joint's position in the OpenSim body that carries the joint, as the median over the frames of
+    position_m (n, 21, 3); None if the two ends of a bone are never known in the same frame.
     """
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 

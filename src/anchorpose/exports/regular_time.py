@@ -1,7 +1,7 @@
 """Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need a fixed rate
 or no gaps.
 
-A measured sample stays unchanged wherever its time is close enough to a time of the fixed rate (``NEAR_SHARE``).
+A measured sample stays unchanged if its time is close enough to a time of the fixed rate (``NEAR_SHARE``).
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class TimeGap(NamedTuple):
 
 def time_gap(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> TimeGap:
     """Return the difference between two sessions (or conditions) in the time over which a measure is taken; (None, 0)
-    for a measure that does not grow with time. first, later: all measures of either session or condition.
+    for a measure that does not grow with time. first, later: all measures of each session or condition.
     """
     if not grows_with_time(measure):
         return TimeGap(None, 0.0)
@@ -137,9 +137,9 @@ def _differ(old_s: float, new_s: float) -> bool:
 
 
 MIXED: Final = 0.1
-"""Limit of the difference between the shares of two recordings that the trials of a condition take up. The page states
-only differences above this limit. If a condition changes an angle by 10 degrees, a difference of a tenth shifts the
-mean over the recording by 1 degree, which is about the error of this mean.
+"""Limit of the difference between two recordings in the share of the recording that the trials of a condition take up.
+The page states only differences above this limit. If a condition changes an angle by 10 degrees, a difference of a
+tenth shifts the mean over the recording by 1 degree, which is about the error of this mean.
 """
 
 MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; further settings are only counted

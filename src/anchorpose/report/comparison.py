@@ -164,9 +164,9 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 def change_groups(
     sessions: Sequence[Session], detectable: Detectable
 ) -> dict[str, list[tuple[str, str, list[Markup]]]]:
-    """Return, by heading, table rows (title, meaning, cells) that show each measure side by side: a cell with the value
-    per session, then a cell with the change from the first session per later session. detectable: minimal detectable
-    changes, as ``read_detectable`` returns them.
+    """Return, by heading, table rows (title, meaning, cells) that show each measure side by side: for each session a
+    cell with the value, then for each later session a cell with the change from the first session. detectable: minimal
+    detectable changes, as ``read_detectable`` returns them.
 
     Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
     person in another session.

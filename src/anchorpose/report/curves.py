@@ -3,9 +3,9 @@
 A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
 the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96 sigma. Where a group of
 frames is drawn as one point, the line runs midway between the group's lowest and highest value, and a darker band
-reaches from the lowest to the highest value. Below the picture, each curve has a row of columns: a column of half
-height means that the quantity was inferred, a column of full height that the quantity is lost. No information depends
-on colour alone.
+reaches from the lowest to the highest value. Below the picture, each curve whose quantity was not seen in all
+frames has a row of columns: a column of half height means that the quantity was inferred, a column of full height that
+the quantity is lost. No information depends on colour alone.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """Return one row of small height per curve, which shows where the curve's quantity was inferred or lost; return no
-    rows if all curves were seen in all frames.
+    """Return one row of small height for each curve whose quantity was not seen in all frames; the row shows where the
+    quantity was inferred or lost.
     """
     rows = []
     for curve in curves:

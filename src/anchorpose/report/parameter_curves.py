@@ -110,7 +110,7 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
 
 
 def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Return the ticks of the horizontal axis, as (share of the width, text): all levels or, if they are more than
+    """Return the ticks of the horizontal axis, as (share of the width, text): all levels or, if their number exceeds
     ``MOST_TICKS``, the first, the last and some levels between them.
     """
     if len(levels) > MOST_TICKS:

@@ -71,7 +71,7 @@ def _recorded(session: Session) -> Markup:
 
 def _duration_s(session: Session) -> float:
     """Return the duration of the recording in s, as the measures define it: the last frame counts as lasting as long as
-    a usual frame.
+    a usual frame. If this measure has no value, return the time from the first frame to the last.
     """
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:

@@ -139,8 +139,8 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if the trunk is lost or behind the
-    camera.
+    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if a joint of ``TRUNK`` is lost, or
+    if the middle is behind the camera.
     """
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():

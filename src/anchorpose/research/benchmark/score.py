@@ -40,7 +40,7 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """The statistics of the errors in one task over all recordings; None = no data for this number.
+    """The statistics of the errors in one task over all recordings; None = no data for this statistic.
 
     ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm are of the answered questions.
     """
@@ -66,7 +66,7 @@ class Score:
 
     answers: Answers
     part: Part
-    # One sentence per recording whose fingerprint differs from the reference, as in ``Benchmark``
+    # One sentence per recording whose fingerprint differs from the reference fingerprint, as in ``Benchmark``
     other_bytes: tuple[str, ...]
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group

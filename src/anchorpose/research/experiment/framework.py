@@ -25,7 +25,7 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-# m, stands for an unknown height: once the body is set, only the search for anchors needs a height
+# m, stands for an unknown height where the body is set and no anchors are searched, since then no step needs a height
 NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
 # m, radius within which matches are searched; no node is farther away, so matches are searched among all nodes, as in

@@ -159,8 +159,8 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return the methods to be compared with the method "next generation", which are all other methods; return none if
-    "next generation" is not among ``methods``.
+    """Return all methods except "next generation", with which they are compared; return an empty list if "next
+    generation" is not among ``methods``.
     """
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []
