@@ -57,7 +57,9 @@ class Answers:
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
-    """Return the answers about recordings in the benchmark folder; raises InputError with the first fault."""
+    """Return the answers about recordings in the benchmark folder; raises InputError about the first fault that is
+    found.
+    """
     method, source = _read_about(folder / ABOUT)
     joints, matches = (_table_file(folder, name) for name in ("joints", "matches"))
     if joints is None and matches is None:

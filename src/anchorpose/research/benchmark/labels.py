@@ -1,4 +1,6 @@
-"""Read labels (pixels of joints, set by eye in real depth images); compare labels with labels or tracked joints."""
+"""Read labels (pixels of joints, set by eye in real depth images); compare two labellers' labels with each other, or
+labels with tracked joints.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-PATCH_PX: Final = 3  # pixels from a label to the sides of a square; the median depth in it counts as the skin's depth
+# Pixels, half the width of a square around a label; the median depth in this square counts as the skin's depth
+PATCH_PX: Final = 3
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
@@ -29,7 +32,7 @@ class LabelledPerson:
     """The labels of one person in one frame."""
 
     person: str
-    plain: bool  # whether in plain view: head and more than half of the trunk are seen
+    plain: bool  # whether the person is in plain view: head and more than half of the trunk are seen
     box: tuple[float, float, float, float]  # box around the person: first column, first row, last column, last row
     joints: dict[str, tuple[float, float]]  # (column, row) by name of the joint, only for seen joints
     unclear: frozenset[str] = frozenset()  # joints whose labels are uncertain
@@ -79,8 +82,8 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has both a label and a depth
-    reading.
+    """Return the position (3,), metres, world, of the middle of a labelled trunk; None if no joint of ``TRUNK`` has
+    both a label and a depth reading.
     """
     found = []
     for name in TRUNK:
@@ -136,7 +139,9 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if it is lost or behind the camera."""
+    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if a joint of ``TRUNK`` is lost, or
+    if the middle is behind the camera.
+    """
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():
         return None

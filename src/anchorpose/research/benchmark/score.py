@@ -40,7 +40,7 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """The figures of one task over all recordings; None = no data for this figure.
+    """The statistics of the errors in one task over all recordings; None = no data for this statistic.
 
     ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm are of the answered questions.
     """
@@ -66,7 +66,8 @@ class Score:
 
     answers: Answers
     part: Part
-    other_bytes: tuple[str, ...]  # one sentence per recording with another fingerprint, as in ``Benchmark``
+    # One sentence per recording whose fingerprint differs from the reference fingerprint, as in ``Benchmark``
+    other_bytes: tuple[str, ...]
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group
 
@@ -123,7 +124,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the figures of a task. each: the questions about each recording."""
+    """Return the statistics of the errors in a task. each: the questions about each recording."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]
@@ -145,7 +146,8 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return, by task, the differences ``one`` minus ``other`` in two figures, with 95 % intervals (_low, _high).
+    """Return, by task, the differences ``one`` minus ``other`` in two numbers (mm, within_50mm), with 95 % intervals
+    (_low, _high).
 
     mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
     questions with an error of at most 50 mm, positive if ``one`` is better. Intervals come from the bootstrap over

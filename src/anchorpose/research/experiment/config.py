@@ -26,8 +26,7 @@ class Scene(StrEnum):
 
 
 class Form(StrEnum):
-    """A form of the paper's tracking framework. In each form, the pose is computed from the matches of nodes in another
-    way.
+    """A form of the paper's tracking framework. The forms differ in how the pose is computed from the matches of nodes.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
     rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
@@ -75,13 +74,13 @@ class ExperimentConfig:
     recordings: Count = 20  # number of recordings; with 150 frames each, they have 3,000 frames, as in the paper
     seconds: Positive = 15.0  # s, duration of each recording of the paper's scene
     fps: Annotated[Positive, Field(le=30)] = 10.0
-    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
+    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of the holes that are cut into depth images; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
     # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
     # pose.
     segment_frames: Annotated[Count, Field(ge=2)] = 10
-    # Number of segments per recording on which every method runs, drawn at random. The pose in the first of their ten
-    # frames is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
+    # Number of segments per recording on which every method runs, drawn at random. In the first of a segment's ten
+    # frames, the pose is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
@@ -93,7 +92,7 @@ class ExperimentConfig:
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
     scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    # also run variants of anchorpose's tracker that lack one component each, in scenes with a standing frame
+    # whether variants of anchorpose's tracker that lack one component each also run, in scenes with a standing frame
     ablation: bool = True
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401
@@ -102,8 +101,10 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
-    tuned: bool = True  # False: every method uses its first setting
-    pictures: bool = True  # draw matches, hypotheses and tracked joints; False: tables and figures only
+    # Whether each method's setting is chosen on the training recordings; False: every method uses its first setting
+    tuned: bool = True
+    # Whether pictures of matches, hypotheses and tracked joints are drawn; False: tables and figures only
+    pictures: bool = True
     resamples: Annotated[Count, Field(ge=100)] = 2000  # number of random draws of recordings for a bootstrap interval
 
     def __post_init__(self) -> None:

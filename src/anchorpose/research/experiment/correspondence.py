@@ -1,4 +1,6 @@
-"""Compute the true correspondence of simulated surfaces: the place, in another frame, of each node's skin point."""
+"""Compute the true correspondence of simulated surfaces: for each node (point of the mesh that a camera sees) of a
+frame, the place in another frame of the skin point that the node shows.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,9 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, two node spacings; a skin point is seen if a node is within this distance
+SEEN_M = 0.025  # m, twice the spacing of nodes; a skin point counts as seen if a node is within this distance
 ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
-SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
+SPACING_M = 0.04  # m, spacing of the sampled skin points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),
@@ -85,8 +87,8 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) between
-        these along the mesh.
+        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) along the
+        mesh between these sampled vertices.
         """
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces

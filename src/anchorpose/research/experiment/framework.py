@@ -1,4 +1,6 @@
-"""Run methods in the paper's framework, from a given pose. Methods differ only in how they match nodes (Section V)."""
+"""Run methods in the paper's framework, from a given pose. Methods differ only in how they match the nodes of the
+patient's mesh in two frames (Section V of the paper).
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,17 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-NO_HEIGHT_M = np.nan  # m, unknown height: once the body is set, only the search for anchors would need it
+# m, stands for an unknown height where the body is set and no anchors are searched, since then no step needs a height
+NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
-ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
-ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks: all of them
+# m, radius within which matches are searched; no node is farther away, so matches are searched among all nodes, as in
+# the paper
+ANYWHERE_M = 10.0
+ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that it tracks all nodes
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The paper's limit of the change of a node's distance to an anchor between two frames. Its first part is for the
-anchor's jitter, 5 cm as in the paper. Its second part is for noise of the surface, a "linear function" in the paper,
-which states no numbers.
+"""The paper's limit of the change of a node's distance to an anchor between two frames, as a sum of two parts. The
+first part, 5 cm as in the paper, allows for the anchor's jitter. The second part grows with the distance and allows for
+noise of the surface; the paper calls this part a "linear function" and states no numbers.
 """
 
 
@@ -43,7 +48,7 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # ``Reference`` already has the cameras' clocks
+        clocks=ClockConfig(estimate=False),  # clocks are not estimated again, since ``Reference`` has them
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -55,7 +60,9 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use it."""
+    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use this
+    room.
+    """
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 

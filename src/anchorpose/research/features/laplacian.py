@@ -92,7 +92,8 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return three arrays (h,), h = 6 f, with one value per half-edge.
 
-    tail: its first node. after: the next half-edge of its triangle. twin: the opposite half-edge.
+    tail: the half-edge's first node. after: the next half-edge of the same triangle. twin: the half-edge between the
+    same two nodes in the opposite direction, in the triangle that is glued to this one.
     """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()

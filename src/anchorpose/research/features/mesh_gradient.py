@@ -42,7 +42,9 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum width of the neighbours' spread, divided by its length. Below it, the derivative is NaN, as on a line."""
+"""Minimum ratio of the width to the length of the neighbours' spread. Below this ratio, the neighbours lie nearly on a
+line, and the derivative is NaN.
+"""
 
 
 def principal_curvatures(surface: Surface, radius_m: float) -> np.ndarray:

@@ -21,7 +21,7 @@ STATISTICS = 5  # numbers per projection: central moments 11, 21, 12 and 22, and
 
 @settings
 class RopsConfig:
-    """Settings of RoPS; with three turns about each axis it has 135 numbers, see ``columns``."""
+    """Settings of RoPS. With three turns about each axis, a descriptor has 135 numbers (``columns``)."""
 
     radius_m: Positive = 0.20  # m; 15 mean edge lengths (13 mm here), as the authors use
     turns: Count = 3  # number of turns about each axis, within a right angle; the authors' choice

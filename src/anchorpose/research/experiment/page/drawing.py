@@ -38,7 +38,8 @@ LOOK: Final = {
 }
 """Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, so low that those of 20 methods hide no means
+# Opacity (0 to 1) of confidence intervals, so low that the intervals of 20 methods do not hide the means
+PALE: Final = 0.35
 
 MARKS: Final = "osD^vP*X"
 """Matplotlib's markers for the methods of one family, in the order of the methods."""
@@ -102,7 +103,7 @@ def _matplotlib(module: str) -> Any:
 def _settings(salt: str) -> Any:
     mpl = _matplotlib("matplotlib")
     plain: dict[str, Any] = dict(mpl.rcParamsDefault)
-    plain.pop("backend", None)  # removed, since no window is opened
+    plain.pop("backend", None)  # removes the setting of the backend, since no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}",
@@ -180,7 +181,9 @@ def draw_lines(axes: Any, table: Table, places: Sequence[float], bars: bool = Tr
 
 
 def draw_dots(axes: Any, table: Table, column: str, methods: Sequence[Method], **change: Any) -> None:
-    """Draw a row per method: a dot (the mean) with its interval. change: entries that replace those of ``look_of``."""
+    """Draw a row per method: a dot (the mean) with its interval. change: entries that replace entries of
+    ``look_of``.
+    """
     for row, method in enumerate(methods):
         value = table.value(method.key, column)
         if np.isnan(value.mean):

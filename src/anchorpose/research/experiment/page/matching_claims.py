@@ -25,8 +25,11 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-COMPARABLE: Final = 0.8  # minimum number of nodes, as a share of the paper's; times of smaller meshes prove nothing
-CLEARLY_LESS: Final = 0.8  # maximum ratio of the error at head and neck to the error elsewhere for "clearly less"
+# Minimum number of nodes of a timed mesh, as a share of the number in the paper's mesh; times of a smaller mesh prove
+# nothing
+COMPARABLE: Final = 0.8
+# Maximum ratio of the error at head and neck to the error elsewhere, at which the error counts as "clearly less"
+CLEARLY_LESS: Final = 0.8
 # Minimum share, for "often", of the matches of hands or feet that lie on the opposite hand or foot. By chance, this
 # share is 1 in 40.
 OFTEN: Final = 0.1
@@ -59,8 +62,8 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit to the
-        surface corrects them.
+        The claim is judged by errors of matches and not by errors of joints, which depend less on the feature, since
+        the fit to the surface corrects joints.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -196,8 +199,8 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes. The reader needs it, since a method that matches only
-        easy nodes has a lower error.
+        """Return texts with each method's share of matched nodes. The reader needs this share to judge the errors,
+        since a method that matches only easy nodes has a lower error.
         """
         lines = []
         for key in keys:

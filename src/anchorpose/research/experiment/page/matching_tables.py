@@ -120,7 +120,9 @@ def _by_region(
     unit: Unit,
     take: Take | None,
 ) -> Table:
-    """Return a table by region of the body. take: returns the quantity of each node; None = the error of its match."""
+    """Return a table by region of the body. take: function that returns a quantity of each node; None = the error of
+    its match.
+    """
     rows = []
     for method in matching.methods:
         of_method = take or error_of(matching, method.key)
