@@ -76,7 +76,9 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): a ratio of lengths, whose minimum is ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,): a number from 0 to 1 that states how well the joints determine the
+angle, such as the ratio of lengths in ``LEAST_LEVER``. If the lever is below ``LEAST_LEVER``, the angle has no value.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +97,9 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, side: str, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians: the angle
-    between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge (elbow or
-    knee).
+    """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians. The error is
+    the angle between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge
+    (elbow or knee).
 
     limb: the joints at its root, hinge and end, without the side. aside_rad: standard deviation, between people, of the
     angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane

@@ -36,11 +36,12 @@ class Effect:
 
     reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
     difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
-    value of the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
-    conditions to trials, not from a sample. detectable: smallest difference that counts as real. It is the limit that
-    errors of measurement alone exceed only 5 times in 100, or the MDC95 (minimal detectable change) of repeated
-    sessions, whichever is larger; None if both are unknown. repeated: whether detectable is an MDC95. design:
-    ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference is not tested, if p is None.
+    value of the permutation test, adjusted for the number of conditions; exact: whether p was computed from all
+    possible assignments of conditions to trials, not from a random sample of them. detectable: smallest difference that
+    counts as real. It is the limit that a difference caused by errors of measurement alone exceeds only 5 times in 100,
+    or the MDC95 (minimal detectable change) of repeated sessions, whichever is larger; None if both are unknown.
+    repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the
+    difference is not tested, if p is None.
     """
 
     reference: str
@@ -81,8 +82,8 @@ def effects(
     """Return the effect on one measure of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
-    if it is known from repeated sessions. untested: for conditions whose effect on this measure is not tested, the
-    reason, by condition. allowed: by condition, the difference that trials of different length explain; it is added to
+    if it is known from repeated sessions. untested: by condition, the reason why the effect of this condition on the
+    measure is not tested. allowed: by condition, the difference that trials of different length explain; it is added to
     the smallest difference that counts as real.
     """
     by_number = {row.trial: row for row in rows}
@@ -181,8 +182,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
     fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
-    the variance of the scatter. Trials that do not scatter and have no sigma, such as equal counts, leave the interval
-    unknown.
+    the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is unknown, the
+    interval is unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))

@@ -19,7 +19,10 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""Share of the skin that was touched last. If cameras see at least this share untouched, the contact has ended."""
+"""Share of the patient's skin points that a person touched last. In a frame without a touch, the contact may continue
+hidden behind this person only if cameras see less than this share of these points. If they see more, nothing hides the
+skin, so the touch has paused or ended (``release_s``).
+"""
 
 HIDDEN_M: Final = 0.08
 """Maximum distance in m at which a hidden contact continues: the distance between another person's skin and the
@@ -48,7 +51,7 @@ class ContactConfig:
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
     equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
-    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap to begin a contact: half a fist
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:

@@ -61,9 +61,10 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place, or
-    in which any joint was that far off. joint: this joint, None for a limb; start_s: when this time began. Both are
-    None if every joint was always nearer.
+    """The longest error of a limb or of a joint. For a limb, this is the longest unbroken time in which the limb was in
+    plain view while one of its joints was over ``WRONG_M`` from its true place; for a joint, the longest unbroken time
+    in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time at
+    which the error began. Both are None if no such error occurred.
     """
 
     joint: str | None = None
@@ -91,8 +92,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None if the truth does not
-    state it.
+    """Return (t, 21) bool: whether some camera sees at least ``SEEN_SHARE`` of the skin around the joint; None if the
+    truth does not state which skin each camera sees.
     """
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
 
@@ -126,7 +127,9 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, LongestE
 
 
 def _longest_run(flags: np.ndarray, time_s: np.ndarray, joint: str | None = None) -> LongestError:
-    """Return the longest unbroken run of True in ``flags`` (n,), the errors of ``joint`` or of a limb; time_s (n,)."""
+    """Return the longest unbroken run of True in ``flags`` (n,), which states whether ``joint`` (or, if None, a limb)
+    is wrong in each frame. time_s (n,): times of the frames.
+    """
     period_s = 2.0 * half_period_s(time_s)
     found = [
         LongestError(joint=joint, start_s=float(time_s[run.start]), seconds=float(np.ptp(time_s[run]) + period_s))
@@ -230,8 +233,8 @@ class Evaluation:
     truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
     truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None if the truth does not state it
     confident_errors: float | None  # share of overall.joint_frames with a confident error
-    # share of the joint positions without a true position (patient away, limb missing) that the results report all the
-    # same; no other figure counts them; None if the truth has all positions
+    # share of the joint positions without a true position (patient away, limb missing) for which the results report a
+    # position; no other figure includes them; None if every joint has a true position
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows

@@ -96,7 +96,7 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     """Return rows of text, one per kind of event: how many occur in the truth, are found, are found in time and are
-    falsely found, and the mean delay in s. The list is empty unless the truth is of a session.
+    falsely found, and the mean delay in s. The list is empty unless the truth is that of a simulated session.
     """
     return [
         (

@@ -22,8 +22,12 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, minimum uncovered area that counts as bad: a hand; clothes and grips cause up to 40
-SEEN_PAST: Final = 0.3  # minimum share of a part's skin seen past to count as bad; correct parts have less
+# cm2, minimum uncovered area that counts as bad: the area of a hand; clothes and other people's grips cause up to 40
+# cm2
+UNCOVERED_CM2: Final = 80.0
+# minimum share of a part's skin that a camera sees past, for the part to count as badly placed; correctly placed parts
+# have less
+SEEN_PAST: Final = 0.3
 APART_S: Final = 0.5  # s, minimum time between two moments in run.json; closer moments show the same situation
 MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 

@@ -105,7 +105,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 
 def followed(known: np.ndarray, time_s: np.ndarray, seconds: float) -> np.ndarray:
     """Return (n,) bool: ``known`` frames after which all frames of the next ``seconds`` are known and at most a single
-    frame is dropped at a time. What lies beyond the last frame does not count.
+    frame is dropped at a time. Near the end of the recording, only the frames up to the last frame must be known.
     """
     found = np.zeros(len(known), dtype=bool)
     for run in unbroken_runs(known, time_s, longest_dropped_s(time_s)):

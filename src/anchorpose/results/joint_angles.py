@@ -85,8 +85,8 @@ def _flexion(axes: Axes, line: np.ndarray) -> np.ndarray:
 
 
 def pelvis_angles(points: Points) -> tuple[Reading, ...]:
-    """Return tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left
-    positive).
+    """Return the pelvis angles: tilt (front down positive), obliquity (right hip higher positive), rotation (turned to
+    the left positive).
     """
     pelvis = pelvis_axes(points)
     z = pelvis.z
@@ -147,11 +147,11 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the flexion of the knee: 0 = straight leg, negative = bent backwards (hyperextended).
 
     The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
-    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips: for a straight knee,
-    noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the plane of its
-    hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two limits, it
-    changes gradually from the first definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so
-    there the angle is positive and does not need the line of the hips.
+    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line through the hip joints: for a
+    straight knee, noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the
+    plane of its hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two
+    limits, it changes gradually from the first definition to the second. No knee bends backwards beyond
+    ``PLANE_KNOWN_RAD``, so above this limit the angle is positive, and the line through the hip joints is not needed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -209,8 +209,8 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     The angle is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to
     the arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used,
     since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within ``PLANE_KNOWN_RAD``
-    of straight or of folded has no reliable plane, and so no value. An arm that is raised high has none, either, since
-    near overhead the shortest rotation is undetermined.
+    of straight or of folded has no reliable plane, and so no value. An arm that is raised high has no value, either,
+    since near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)

@@ -6,9 +6,9 @@ conditions have no effect, all assignments of the conditions to the trials of a 
 and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is at
 least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena
 2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
-difference is divided by its standard error, since a condition that only steadies the trials would otherwise seem to
-change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is adjusted as in Holm
-1979 (Scandinavian Journal of Statistics 6:65-70).
+difference is divided by its standard error, since a condition that only reduces the scatter of the trials would
+otherwise seem to change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is
+adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ assignments, including the observed one.
 """
 
 TIE: Final = 1e-9
-"""Relative tolerance within which two differences count as equal: sums in another order differ by rounding."""
+"""Relative tolerance within which two differences count as equal, since sums of the same values in another order differ
+by rounding errors.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
