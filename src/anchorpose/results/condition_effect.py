@@ -167,8 +167,8 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: as in ``Effect``. Either
-    is None if unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: the difference that
+    errors of measurement alone exceed only 5 times in 100. Either is None if unknown.
     """
 
     half: float | None

@@ -43,8 +43,8 @@ class ContactConfig:
     # m, maximum distance between touched skin and the skin of another person: 3 cm, plus 2 cm for the fingers of a
     # holding hand if the cameras see only its back, plus half the spacing of the skin points of other people.
     reach_m: Positive = 0.06
-    begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area of one skin point
+    begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few fingertips); a smaller area may be noise
+    keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area that one skin point represents
     begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
     release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of

@@ -179,7 +179,7 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
     """Return the error of the axis of rotation of each knee and elbow: its angle to the axis that is computed from the
-    true joints. truth_m: as in ``angle_errors``.
+    true joints. truth_m (n, 21, 3): the true joints in metres, NaN where unknown.
     """
     found = revolute_axes(joints)
     true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
@@ -247,7 +247,8 @@ class Evaluation:
     drift_ratio: float | None  # mean error in the second half of the frames, divided by the first half's
     # contacts with people; None if truth or result does not state such contacts
     contacts: ContactEvaluation | None = None
-    # contacts with equipment; None as for ``contacts``, and also if tracking did not search for contacts with equipment
+    # contacts with equipment; None if truth or result does not state such contacts, or if tracking did not search for
+    # them
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None if the truth is not that of a simulated session
 

@@ -51,7 +51,7 @@ class ExplainedFrame:
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedTable:
     """The measures of all frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5)
-    float32, as in ``ExplainedFrame``.
+    float32. ``ExplainedFrame`` states their meaning.
     """
 
     frame: np.ndarray

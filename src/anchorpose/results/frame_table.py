@@ -21,7 +21,7 @@ Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
 """Number of frames per row group of a file; in the table of joints, so many frames take half a megabyte of memory. This
-number never changes, since the bytes of the file depend on it.
+number never changes, so that the same values always give the same bytes in the file.
 """
 
 UNKNOWN: Final = -1

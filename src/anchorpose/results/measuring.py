@@ -196,7 +196,9 @@ def _quiet_session(
     config: MeasureConfig,
     equipment: Sequence[str],
 ) -> tuple[Session, list[Transition], list[Step]]:
-    """Return the session with all its episodes except events, which are found in it, and its transitions and steps."""
+    """Return the session with all its episodes except events, and its transitions and steps. Events are searched for
+    later, in this session.
+    """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
     state = upright(found, config.upright)
@@ -254,8 +256,9 @@ def _measures(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """The result of measuring a folder. measures: measures of the whole recording; policy: from ``process_angles``,
-    None without processing; trials: the trials that were measured as well, None without trials.
+    """The result of measuring a folder. measures: measures of the whole recording; policy: settings and outcome of
+    smoothing and filling, as JSON, None without processing; trials: the trials that were measured as well, None without
+    trials.
     """
 
     measures: tuple[Measure, ...]

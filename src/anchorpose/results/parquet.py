@@ -84,7 +84,7 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
     """Read a table with all of its columns, or only the named columns; raises InputError if it is damaged or lacks a
     named column.
 
-    rows: as in ``read_parquet``.
+    rows: a pyarrow expression that selects the rows to read; None for all.
     """
     with refuse_unreadable(path):
         table = pq.read_table(path, filters=rows, columns=columns, page_checksum_verification=True)
@@ -186,8 +186,9 @@ class RecordTable(Generic[Row]):
 
     record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of columns,
     by column. limits: the minimum and the maximum of columns of numbers, by column. rows_per_group: number of rows per
-    row group; it never changes, since the bytes of the file depend on it. may_be_empty: whether the program sometimes
-    writes the table without rows. later: columns that files of older versions lack, and the values to use instead.
+    row group; it never changes, so that the same values always give the same bytes in the file. may_be_empty: whether
+    the program sometimes writes the table without rows. later: columns that files of older versions lack, and the
+    values to use instead.
     """
 
     file: str

@@ -61,7 +61,7 @@ class Blocks:
 
     @property
     def weights(self) -> np.ndarray:
-        """Return the weights (n,) of the trials in the difference; see ``Blocks``."""
+        """Return the weights (n,) with which the trials' values are summed to the difference between conditions."""
         found = np.zeros(len(self.treated))
         for places in self.members:
             treated = self.treated[places]

@@ -22,7 +22,8 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # m/s; next line m/s2: standard deviations assumed at the first frame
+# m/s, and m/s2 in the next line: standard deviations of a joint's speed and acceleration, assumed in the first frame
+FIRST_SPEED_M_S: Final = 1.0
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -32,8 +33,9 @@ def smooth_stretch(
     """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames, by the Kalman smoother.
     time_s (n,) increases, in steps of any size.
 
-    The acceleration is a random walk: its standard deviation grows by ``jerk`` times the square root of the time.
-    Smoothing reduces only the random part of sigma; the systematic part is added again, so sigma never falls below it.
+    The acceleration is modelled as a random walk: its standard deviation grows by ``jerk`` times the square root of the
+    time. Smoothing reduces only the random part of sigma. The systematic part is added afterwards, so sigma never falls
+    below this part.
     """
     course, variance = _smoothed_backwards(
         np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m, JOINT_SHARE) ** 2, jerk
@@ -109,9 +111,9 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 _ORDER: Final = 2  # order of the filter in one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Factor between the cutoff frequencies of both passes together and of one pass, after the transformation tan(pi f /
-rate). Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human
-Movement, on digital filtering).
+"""Cutoff frequency of both passes together, as a multiple of the cutoff frequency of one pass; each frequency f is
+first transformed to tan(pi f / rate). Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics
+and Motor Control of Human Movement, on digital filtering).
 """
 
 
@@ -152,8 +154,8 @@ filter needs evenly spaced frames. Recordings with more jitter are refused, not 
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all of at least
-    ``shortest_frames`` frames.
+    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint. The joint is known in all n
+    frames, which are at least ``shortest_frames``.
 
     A frame's sigma becomes the root mean square of the sigmas within half a period of the cutoff frequency if this is
     larger, since the filter spreads the error of a poorly known position to neighbouring frames. Sigma is never
@@ -278,7 +280,8 @@ class ProcessingConfig:
     """
 
     smooth: Smoothing = "none"
-    cutoff_hz: Positive = 6.0  # Hz, usual for walking and standing (Winter, as for ``_TWICE``)
+    # Hz, usual for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)
+    cutoff_hz: Positive = 6.0
     jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a hand that turns back in 0.3 s
     fill: Filling = "none"
     longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to turn back

@@ -52,7 +52,9 @@ class Rating:
 
 @dataclass(frozen=True, slots=True)
 class Ratings:
-    """The scores of one rater of one session. seed: random seed of the order; session: see ``rated_session``."""
+    """The scores of one rater of one session. seed: random seed of the order in which the trials are shown; session:
+    hash that identifies the rated session (``rated_session``).
+    """
 
     rater: str
     seed: int

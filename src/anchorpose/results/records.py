@@ -203,13 +203,13 @@ def read_episodes(path: Path) -> tuple[Episode, ...]:
 class Measure:
     """The value of one measure of docs/measures.md.
 
-    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. part
-    and person are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states
-    the reason. sigma: one standard deviation of the value, None if unknown, as for counts. frames: number of frames on
-    which the value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred
-    rather than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs.
-    condition and trial are None for the whole recording; only trial is None for a whole condition. Raises ValueError
-    unless exactly one of value and why is given, and for a trial without a condition.
+    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: the name of a person in
+    contacts.parquet. part and person are None if the measure is not about a single part or person. value: None if
+    unknown; ``why`` then states the reason. sigma: one standard deviation of the value, None if unknown, as for counts.
+    frames: number of frames on which the value is based. inferred_share: share of these frames in which a joint that
+    the measure uses was inferred rather than seen. condition, trial: condition and trial of events.tsv (numbered from
+    1) to which the value belongs. condition and trial are None for the whole recording; only trial is None for a whole
+    condition. Raises ValueError unless exactly one of value and why is given, and for a trial without a condition.
     """
 
     measure: str
@@ -321,7 +321,7 @@ makes the smallest files: 5 kB per image.
 @dataclass(frozen=True, slots=True)
 class LabelImage:
     """One camera's segmentation in one frame. labels: an 8-bit PNG of ``PixelLabel``, with ``ROOM`` at pixels that show
-    no person.
+    neither a person nor equipment.
     """
 
     frame: int
@@ -340,7 +340,7 @@ PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
 
 
 def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
-    """Encode the person labels of one camera's view."""
+    """Encode the labels of people and equipment in one camera's view."""
     labelled = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
     labels = np.where(labelled, view.labels, np.uint8(ROOM))
     _, encoded = cv2.imencode(".png", labels, _PNG_SETTINGS)

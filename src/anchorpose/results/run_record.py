@@ -1,4 +1,5 @@
-"""Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the learnt body.
+"""Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the body that was
+learnt from the recording.
 
 The same types define what is written and what may be read. A run.json may have been edited or come from another
 program: unknown keys are ignored, and keys with a default here may be missing.
@@ -270,7 +271,7 @@ def note_poor(
     intervals: list[PoorInterval], before: int | None, frame: int, time_s: float, poor: Sequence[PoorDepth]
 ) -> None:
     """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
-    interval. before: as in ``note_lost``.
+    interval. before: number of the frame before; None for the first frame.
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
@@ -305,7 +306,8 @@ def sentence(poor: PoorDepth) -> str:
 def hash_files(
     files: Iterable[Path], folder: Path, known: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[tuple[str, str], ...]:
-    """Return (path relative to ``folder``, SHA-256 in hex) of each file. known: hashes by path of files not to read.
+    """Return (path relative to ``folder``, SHA-256 in hex) of each file. known: hashes, by path, of files that were
+    hashed before; these files are not read.
 
     Raises InputError for a file above ``LARGEST_ARRAYS`` bytes, larger than any table or image.
     """

@@ -60,8 +60,8 @@ TRUTH_REMEDY: Final = "give the truth.npz of a simulated session as it was writt
 
 @dataclass(frozen=True, slots=True)
 class TrueEvent:
-    """A true event. kind: as in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: on the truth's clock.
-    depth: in the unit of events of this kind.
+    """A true event. kind: a kind of event in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: beginning
+    and end, on the truth's clock. depth: in the unit of events of this kind.
     """
 
     kind: str
@@ -125,8 +125,8 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """Yield the contacts of a region in the frames that ``flags`` (t,) marks, each as completely seen. numbered: frame
-    numbers (t,) and times (t,).
+    """Yield the contacts of a region: one for each run of True in ``flags`` (t,), and each as if cameras had seen all
+    of it. numbered: frame numbers (t,) and times (t,).
     """
     frame, time_s = numbered
     for run in runs_of(flags):
@@ -147,9 +147,10 @@ def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventScore:
-    """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``;
-    in_time: with an onset within ``IN_TIME_S``. false: number of reported events that match no true event. late_s: mean
-    delay of the found onsets after the true onsets; None if no event was found.
+    """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``
+    of the true onset; in_time: number of these whose found onset is within ``IN_TIME_S`` of the true onset. false:
+    number of reported events that match no true event. late_s: mean delay of the found onsets after the true onsets;
+    None if no event was found.
     """
 
     true: int
@@ -161,8 +162,8 @@ class EventScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeScore:
-    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
-    and truth are left out.
+    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 or unknown in
+    both result and truth are left out.
 
     within: number of measures that differ from the truth by at most 1.96 sigma; refused: number of measures that have a
     value only in the result or only in the truth.
@@ -210,8 +211,8 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints; lost where
-    unknown.
+    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints. Joints with an
+    unknown position are lost.
     """
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
@@ -252,7 +253,7 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Score the times of independence against the truth; rows about single persons or parts are left out."""
+    """Score the times of independence against the truth. The means over the trials of a condition are left out."""
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)

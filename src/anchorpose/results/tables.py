@@ -273,7 +273,7 @@ class BodyPose:
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTable:
     """The body's poses in all frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4),
-    axial_sigma_rad (n, 21), float32, each as in ``BodyPose``.
+    axial_sigma_rad (n, 21), float32. ``BodyPose`` states their meaning.
     """
 
     frame: np.ndarray

@@ -30,7 +30,9 @@ LEAST_FRAMES: Final = 2
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 
 MeasureRows = Callable[[Session, slice], Sequence[Measure]]
-"""A function of a whole session and some of its rows; it returns the measures of the session cut to these rows."""
+"""A function that returns the measures of a trial. Its arguments are the session that was cut to the trial, and the
+trial's rows (frames) in the whole session.
+"""
 
 
 def measures_by_trial(
@@ -106,7 +108,9 @@ def begun_within(found: Sequence[Found], rows: slice) -> list[Found]:
 
 
 def completely_within(found: Sequence[Found], rows: slice) -> list[Found]:
-    """Return the items whose ``frames`` lie completely in ``rows``, counted as in ``begun_within``."""
+    """Return the items whose ``frames`` lie completely in ``rows``; their ``frames`` are then counted from the first of
+    these rows.
+    """
     count = rows.stop - rows.start
     return [one for one in begun_within(found, rows) if one.frames.stop <= count]  # type: ignore[attr-defined]
 

@@ -151,8 +151,8 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Return every bout of standing that is long enough and has a known centre of mass in all its frames, without the
-    time just after standing up.
+    """Return every bout of standing that is long enough, has enough frames per second, and has a known centre of mass
+    in all its frames. The time just after standing up is left out.
     """
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)

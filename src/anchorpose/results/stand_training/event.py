@@ -90,7 +90,9 @@ def _episode(joints: JointTable, event: Event) -> Episode:
 
 
 def fast_enough(time_s: np.ndarray, least_hz: float = LEAST_HZ) -> bool:
-    """Return whether the rate of the frames (n,) is high enough, for example to find events; False for one frame."""
+    """Return whether the frame rate, by the times (n,) of the frames, is at least ``least_hz``; False for a single
+    frame.
+    """
     return bool(usual_step_s(time_s) <= 1.0 / least_hz + ROUNDING_S)
 
 

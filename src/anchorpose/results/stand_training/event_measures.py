@@ -90,7 +90,7 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
 
 
 def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) -> list[Measure]:
-    """Return the time from the first frame to the first onset, and the greatest depth."""
+    """Return the time from the start of the recording or trial to the first onset, and the greatest depth."""
     latency, largest = f"{watch.measure}_latency", f"{watch.measure}_largest"
     if not own:
         names = ((latency, "s"), (largest, watch.unit))

@@ -28,7 +28,8 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile used as least flexion (95 as greatest), since extremes are mostly errors
+# percentile of flexion used as the least (95 as the greatest); minimum and maximum are mostly errors
+LEAST_PERCENTILE: Final = 5.0
 
 
 @settings
@@ -179,7 +180,7 @@ HELD_S: Final = 0.2
 held for about half of the window: the extreme in a single frame is mostly error.
 """
 
-LEAST_S: Final = 1.0  # s, minimum duration of a stretch in which the angle is known
+LEAST_S: Final = 1.0  # s, minimum duration of a run of frames in which the angle is known, for its range to be measured
 
 
 def range_measures(session: Session) -> list[Measure]:
@@ -204,7 +205,9 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (k,) of all stretches of ``LEAST_S`` or more with a known angle, and the angle's median (k,)."""
+    """Return the rows (k,) of all runs of frames that last ``LEAST_S`` or more and have a known angle, and the running
+    median (k,) of the angle in them.
+    """
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

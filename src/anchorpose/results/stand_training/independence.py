@@ -44,9 +44,11 @@ class IndependenceConfig:
     inclined, by at most ``extended_deg``, and ends above ``bent_deg``.
     """
 
-    # degrees, maximum bend: in walking, a knee that takes over the load bends by about 20 and still carries the body
+    # degrees, maximum bend: in walking, a knee that takes over the load bends by about 20 degrees and still carries the
+    # body
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # degrees; 5 above extended_deg, so that errors (3 to 5) do not end an extension
+    # degrees; 5 above extended_deg, so that errors (of 3 to 5 degrees) do not end an extension
+    bent_deg: _Degrees = 25.0
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -297,7 +299,9 @@ def _unaided(session: Session) -> list[Measure]:
 
 
 def _why_unknown(session: Session, contacts: Sequence[Contact] | None, without: str) -> str:
-    """Return the reason why no time upright has a value: ``without``, if the contacts are unknown, comes first."""
+    """Return the reason why measures of upright time have no value: ``without`` if the contacts are unknown, else that
+    the patient was never upright or never found.
+    """
     return without if contacts is None else NO_UPRIGHT if session.found.any() else NEVER_FOUND
 
 

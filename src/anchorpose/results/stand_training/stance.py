@@ -110,8 +110,8 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """Return (n, 2): the heading of the patient on the floor as x and z, perpendicular to the line of the hips.
-    position_m (n, 21, 3): the joints.
+    """Return (n, 2): the heading of the patient on the floor as x and z, perpendicular to the line through the hip
+    joints. position_m (n, 21, 3): the joints.
     """
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
@@ -181,7 +181,7 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
     """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a frame with a lost joint, the value stays
     ``UNKNOWN`` until a frame meets the ``enter`` limits or passes a ``leave`` limit.
 
-    shift: as in ``upright_limits``.
+    shift: number of sigmas by which every value is moved towards standing, to find the effect of errors.
     """
     return hold(*upright_limits(stance, config, shift))
 
@@ -217,8 +217,8 @@ class Session:
 
     States with hysteresis are decided in the whole recording, since a state in a trial may have begun before the trial.
     shifted_upright (n, 2) int8: ``upright`` if every value is moved by one sigma away from standing, and towards it;
-    extended (n, 5, 3) bool: from ``independence.extended_states``. onset_s: the time at which the recording or the
-    trial begins; a trial may begin before its first frame.
+    extended (n, 5, 3) bool: whether each knee, each hip and the trunk is extended (``independence.extended_states``).
+    onset_s: the time at which the recording or the trial begins; a trial may begin before its first frame.
     """
 
     joints: JointTable
@@ -253,7 +253,9 @@ class Session:
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with the equipment; None if contacts are unknown."""
+        """Return the contacts with the equipment; None if contacts are unknown, or if the recording has no model of the
+        equipment.
+        """
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
@@ -313,7 +315,9 @@ def known(
 def unknown(
     measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray | None = None
 ) -> Measure:
-    """Return a measure without a value, with the reason. state_code: as in ``known``."""
+    """Return a measure without a value, with the reason. state_code (k,): worst state of the joints used, in each frame
+    used; None for no frames.
+    """
     codes = np.empty(0) if state_code is None else state_code
     return _measure(measure, unit, codes, value=None, why=why, side=side)
 

@@ -167,7 +167,7 @@ def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, conf
 
 
 def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
-    """Return the unbroken stretches in which the pelvis' height and the thighs' inclination are known."""
+    """Return the unbroken runs of frames in which the pelvis' height and the thighs' inclination are known."""
     return unbroken_runs(np.isfinite(stance.height + stance.thigh_deg), time_s)
 
 
@@ -231,7 +231,8 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
     """Return whether, at some moment of a run, the centre of mass is too far behind the feet for them to carry the
-    patient alone; True if unknown. behind_m (k,): as in ``Stance``.
+    patient alone; True if unknown. behind_m (k,): distance in m of the centre of mass behind the midpoint of the
+    ankles.
     """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
@@ -275,7 +276,7 @@ def _level(
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
     """Return the first and last index of the movement around the index ``middle``. way (k,): height from 0 (before) to
-    1 (after); edge: as in ``TransitionConfig``.
+    1 (after); edge: share of this height that is left out at the beginning and at the end of the movement.
     """
     still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
     first = int(still[-1]) if len(still) else 0
