@@ -13,9 +13,10 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
+# s, sigma of the Gaussian that smooths joints over time, since joints of a Kinect v2 jitter by mm to cm
+SMOOTHING_S: Final = 0.07
 OVERLAP_S: Final = 0.4  # s, time over which the end of a repetition is blended into the start of the next repetition
-STRAIGHT_RAD: Final = 0.35  # rad; the axis of an elbow that is bent by less comes partly from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
@@ -23,7 +24,9 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. Second axis of arrays of limbs: left, right."""
+    """A captured movement at CLIP_HZ; the subject faces +X on average. The second axis of all arrays of limbs is the
+    side: left, right.
+    """
 
     start_s: float  # time of the first of the n rows of the arrays
     waist_m: np.ndarray  # (n, 3)

@@ -130,8 +130,8 @@ class Performance:
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint, as in all
-        frames in which the patient is away.
+        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint. All values
+        are -1 in frames in which the patient is away.
         """
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)

@@ -16,7 +16,8 @@ from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; so small a rise is noise
-CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` becomes 0; a rise at least this much above ``WAVER_M`` is unchanged
+# m; an ankle's rise of up to ``WAVER_M`` becomes 0; a rise of at least ``WAVER_M`` + ``CLEAR_M`` is unchanged
+CLEAR_M: Final = 0.06
 # m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
@@ -32,7 +33,8 @@ Spans = list[tuple[int, int]]
 class Footing:
     """Places and angles of both feet in n frames at CLIP_HZ. The second axis is the side, left first."""
 
-    place_m: np.ndarray  # (n, 2, 3) ankle, as if the foot were flat; y = 0 at the height of a standing foot's ankle
+    # (n, 2, 3) place of the ankle if the foot were flat; y = 0 is the height of a standing foot's ankle
+    place_m: np.ndarray
     stands: np.ndarray  # (n, 2) from 0 (the foot is in the air) to 1 (it stands)
     yaw: np.ndarray  # (n, 2) rad, direction of the foot, positive to the left
     heel: np.ndarray  # (n, 2) rad, rotation of a standing foot about its ball that raises the heel; 0 = flat
@@ -60,7 +62,7 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
     on the floor.
     """
     floor = np.percentile(height_m, 10.0, axis=0)
-    # a foot that is always in the air does not show the floor's height, so that of the other foot is used
+    # a foot that is always in the air does not show the floor's height, so the floor's height at the other foot is used
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)

@@ -19,7 +19,8 @@ HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one 
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
 SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the remaining weight
-JOINED_PX: Final = 25.0  # pixels, maximum step of disparity that is smoothed; greater steps occur only within 1.1 m
+# pixels, maximum step of disparity that is smoothed; only surfaces nearer than 1.1 m can cause a greater step
+JOINED_PX: Final = 25.0
 PASSES: Final = 2  # number of passes of the spatial filter
 FILLED_PX: Final = 16  # pixels, maximum distance into a gap that is filled with the last value before the gap
 STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
@@ -68,7 +69,8 @@ def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
 @nb.njit(cache=True)
 def _smooth_rows(disparity: np.ndarray, weight: float, joined: float, filled: int) -> None:
     """Smooth each row in place by a recursive filter. The first ``filled`` pixels of a gap get the last value before
-    the gap. weight, joined: as ``SMOOTHING`` and ``JOINED_PX``.
+    the gap. weight: weight of a pixel's own disparity (``SMOOTHING``); joined: maximum step of disparity, in pixels,
+    that is smoothed (``JOINED_PX``).
     """
     for row in range(disparity.shape[0]):
         last, gap = disparity[row, 0], 0

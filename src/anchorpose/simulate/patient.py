@@ -141,8 +141,9 @@ def draw_patient(
 ) -> Actor:
     """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none.
 
-    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right; None = in a room,
-    which sets the patient's walk later. Raises AnchorposeError if the recording is too short for the walks.
+    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right; None if the patient
+    is never away, or in a cluttered room, which adds the patient's walk later. Raises AnchorposeError if the recording
+    is too short for the walks.
     """
     base = resting_channels(person, frame is not None)
     if frame is None:
@@ -282,14 +283,15 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Draw 2 or 4 steps in place, forward or backward; steps 3 and 4 return. The pelvis shifts over the standing foot.
+    """Draw 2 or 4 steps in place, forward or backward; steps 3 and 4 bring the feet back to their places. The pelvis
+    shifts over the standing foot.
 
     Return ``footwork`` with the steps appended, and the shifts of the pelvis.
     """
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # backward, since ten minutes of forward steps would lead to the camera
+        stride_m = -stride_m  # steps lead backward now, since ten minutes of forward steps would lead to the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace

@@ -31,14 +31,16 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by the shape space's
+# standard deviation of each drawn shape coefficient, divided by its standard deviation in the shape space
+COEFFICIENT_SPREAD = 0.8
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
 MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
-# Standard deviation of the logarithm of the gap between skin and clothes; wavelength of the gap, in wavelengths of
-# folds. The offsets of skin patches that tracking learns with a prior of 20 mm had these root mean squares: 5 mm in a
-# simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and 17 mm in twelve real
-# recordings, which include coarser sensors and other bodies.
+# GAP_SPREAD: standard deviation of the logarithm of the gap between skin and clothes. GAP_PER_FOLD: wavelength of the
+# gap's variation over the skin, divided by the wavelength of the folds. The gaps make simulated clothes similar to real
+# ones: tracking learns an offset for each patch of skin (with a prior of 20 mm), and these offsets had the following
+# root mean squares: 5 mm in a simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and
+# 17 mm in twelve real recordings, which include coarser sensors and other bodies.
 GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
@@ -51,7 +53,8 @@ class Clothes:
     """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
     cover: np.ndarray  # (v,) factor on the height of the clothes above each vertex; 0 = bare
-    gap: np.ndarray  # (v,) factor on the clothes' mean distance from the skin; the height of folds is not multiplied
+    # (v,) factor on the clothes' mean distance from the skin; where it is below 1, it also lowers the folds
+    gap: np.ndarray
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
     phase: np.ndarray  # (k,) rad
     drift: np.ndarray  # (k,) rad/s, change of phase with time

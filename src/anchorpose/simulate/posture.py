@@ -18,8 +18,11 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
-FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb defines no plane
-STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; at this reach, it is 0.2 degrees
+# maximum reach as a share of a limb's length; below 1, since a straight limb does not define the plane in which it
+# bends
+FULL_REACH = 0.985
+# maximum reach / leg length if the bend of the knees is given; at this reach, the bend is 0.2 degrees
+STRAIGHT_REACH = 1.0 - 1e-6
 HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height over which the limit by a straight leg sets in gradually
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # each bone's share of the trunk's bend
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # each bone's share of the head's bend

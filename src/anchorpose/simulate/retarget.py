@@ -56,8 +56,8 @@ class CapturedActor:
         return self.capture.seated
 
     def stay_s(self, from_s: float) -> tuple[float, float]:
-        """Return start and end of the time that the patient next spends at the place of training; as of an ``Actor``,
-        but this patient never leaves.
+        """Return start and end of the time that the patient next spends at the place of training; the end is infinity,
+        since a patient with a captured movement never leaves.
         """
         return from_s, np.inf
 
@@ -213,7 +213,7 @@ def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) ->
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """Return the rotation (t, 3, 3) for angles (t, 3) as ``_bend`` returns them."""
+    """Return the rotation (t, 3, 3) for angles (t, 3), rad: bend forward, bend to the right, turn to the left."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 

@@ -36,7 +36,7 @@ class Shot:
     figures: tuple[Figure, ...]  # people at the time of the first camera's image
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
-    seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
+    seen_share: np.ndarray  # (21, cameras), seen share of the camera-facing skin around each joint (``seen_shares``)
     behind_passers: np.ndarray  # (cameras,), share of the patient's pixels that passers-by hide
 
 

@@ -1,4 +1,4 @@
-"""Find places beyond the view of all cameras, to which a patient walks who leaves."""
+"""Find places that no camera sees, to which a patient who leaves can walk."""
 
 from __future__ import annotations
 

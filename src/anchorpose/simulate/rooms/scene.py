@@ -74,7 +74,9 @@ class RoomScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draft:
-    """A room while it is being furnished, in the room frame: X from the camera to the patient, who is at the origin."""
+    """A room while it is being furnished, in the room frame: the patient is at the origin, and X points away from the
+    camera, at most ``ASKEW_RAD`` off the line of sight.
+    """
 
     config: SimulationConfig
     room: RoomConfig

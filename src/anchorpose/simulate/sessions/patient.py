@@ -22,7 +22,8 @@ ALWAYS_S: Final = 1e5  # s, a duration that is longer than any session
 BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then stays bent
-OTHER_KNEE: Final = 0.4  # bend of the other knee, since the pelvis sinks, as a share of the buckle's depth
+# bend of the other knee as a share of the buckle's depth; it bends, too, since the pelvis sinks
+OTHER_KNEE: Final = 0.4
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
 # range of the share of the way up that a failed stand reaches; from about 0.7 on, the patient would be upright
@@ -30,7 +31,8 @@ FAILED_SHARE: Final = (0.42, 0.62)
 FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6  # s, time of rising, and of sinking back
 SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the onset of a trial with a failed stand
 
-FALL_M: Final = (0.32, 0.42)  # m, range of a fall's length; a fall takes the extrapolated centre of mass off the soles
+# m, range of a fall's length, enough to move the extrapolated centre of mass beyond the soles
+FALL_M: Final = (0.32, 0.42)
 FALL_S: Final = 0.8  # s, duration of the fall forward
 # s from the start of the fall until a foot leaves the floor, and from foot off until foot strike
 STEP_AFTER_S, STEP_S = 0.45, 0.35
@@ -49,9 +51,9 @@ SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and s
 class Happening:
     """An incident of the drawn movements, such as a buckle."""
 
-    kind: str  # as in ``TrueEvent``
+    kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
     start_s: float  # onset
-    end_s: float  # when the depth is greatest, a foot strikes or a clonus ends, as in ``TrueEvent``
+    end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
     side: str | None  # left or right; None for a failed stand
 
 

@@ -19,7 +19,8 @@ TRUTH_HZ: Final = 100.0  # Hz, rate at which movements are sampled to measure an
 GRAVITY_M_S2: Final = 9.81
 SOLE_M: Final = 0.03  # m; skin, or a shoe's sole, below this height counts as on the floor
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
-DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which soles' extents are measured
+# (2, 72) directions in which the extent of the soles is measured
+DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 
 
 @dataclass(frozen=True, slots=True)
