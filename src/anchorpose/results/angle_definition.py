@@ -62,8 +62,8 @@ def arcsin(sine: np.ndarray) -> np.ndarray:
 LEAST_LEVER: Final = 0.2588
 """Sine of 15 degrees. An angle about an axis is computed from the component of a vector that is perpendicular to the
 axis. If this component is shorter than ``LEAST_LEVER`` times the vector, the angle has no value: the vector is then
-nearly parallel to the axis (gimbal lock). An error of a joint then changes the angle at least about four times as much
-as it would for a perpendicular vector.
+nearly parallel to the axis (gimbal lock). An error in the position of a joint then changes the angle at least about
+four times as much as it would for a perpendicular vector.
 """
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
@@ -101,9 +101,9 @@ def hinge_sigma(points: Points, side: str, limb: tuple[str, str, str], aside_rad
     the angle between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge
     (elbow or knee).
 
-    limb: the joints at its root, hinge and end, without the side. aside_rad: standard deviation, between people, of the
-    angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane
-    through its joints.
+    limb: names, without the side, of the joints at the limb's root, hinge and end. aside_rad: standard deviation,
+    between people, of the angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow
+    rotates the plane through its joints.
     """
     root, hinge, end = (points[f"{name}{side}"] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))

@@ -83,8 +83,8 @@ def effects(
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
     if it is known from repeated sessions. untested: by condition, the reason why the effect of this condition on the
-    measure is not tested. allowed: by condition, the difference that trials of different length explain; it is added to
-    the smallest difference that counts as real.
+    measure is not tested. allowed: by condition, the difference that trials of different length alone can cause; it is
+    added to the smallest difference that counts as real.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -177,13 +177,14 @@ class Spread:
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float) -> Spread:
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
-    the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
+    the standard deviations of these values, NaN where unknown; share: share of their variance that is due to systematic
+    errors.
 
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
-    fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
-    the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is unknown, the
-    interval is unknown.
+    fully correlated. They cancel in the difference if they are equally large; if a part of them remains, its variance
+    is added to the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is unknown,
+    the interval is unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))
@@ -202,8 +203,9 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
     degrees of freedom; NaN for too few trials.
 
     If every block has each condition at least twice, the scatter among trials of the same block and condition is used.
-    It may differ between blocks and conditions, so the degrees of freedom are those of Welch 1947
-    (doi:10.1093/biomet/34.1-2.28). Else the scatter of the blocks' differences between conditions is used.
+    This scatter may differ between blocks and conditions, so the degrees of freedom are those of Welch 1947
+    (doi:10.1093/biomet/34.1-2.28). Otherwise, the difference between the conditions is computed in each block, and the
+    scatter of these differences is used.
     """
     sizes = np.array([len(cell) for cell in blocks.cells])
     if sizes.min() > 1:

@@ -1,5 +1,5 @@
-"""Find the contacts of the patient with people and equipment, from their distances in each frame: when each contact
-begins and ends.
+"""Find when each contact of the patient with people and equipment begins and ends, from their distances in each
+frame.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class ContactConfig:
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
+    # minimum probability, by gap and sigma, of a touch that continues a contact
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2
     equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
 
     def __post_init__(self) -> None:
@@ -70,7 +71,8 @@ class _Key(NamedTuple):
 
 class _Touch(NamedTuple):
     """Evidence of one frame for a contact: indices of the touched skin points (none for equipment), whether the touch
-    suffices to begin a contact, the touched area, the seen share of this area, and the gap between the two surfaces.
+    is large or certain enough to begin a contact, the touched area, the seen share of this area, and the gap between
+    the two surfaces.
     """
 
     skin: np.ndarray
@@ -129,7 +131,7 @@ class ContactIntervals:
     def push(
         self, frame: int, time_s: float, near: Nearness | None, gaps: EquipmentGaps | None = None
     ) -> Iterator[Contact]:
-        """Add one more frame; yield the contacts that ended before it.
+        """Add the next frame; yield the contacts that ended before this frame.
 
         near: None if the patient is lost. Other people are not followed while the patient is lost, so they get new
         names afterwards. gaps: None if the patient is lost or the equipment is unknown.

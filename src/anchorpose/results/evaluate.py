@@ -38,7 +38,7 @@ an error along an axis exceeds this multiple once in 16 000 cases.
 """
 
 PLAIN_VIEW: Final = 0.5
-"""Minimum share of a limb's skin that one camera must see for the limb to be in plain view."""
+"""Minimum share of a limb's skin that one camera must see for the limb to count as in plain view."""
 
 _ENDS: Final = {"arm": ("Elbow", "Wrist", "Hand"), "leg": ("Knee", "Ankle", "Foot")}
 _FREE: Final = {
@@ -230,21 +230,24 @@ class Evaluation:
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result infers: neither observed nor lost
-    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
-    truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None if the truth does not state it
+    # joints that some camera truly sees; None if the truth does not state what each camera sees
+    truly_seen: ErrorSummary | None
+    # joints that no camera truly sees; None if the truth does not state what each camera sees
+    truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames with a confident error
     # share of the joint positions without a true position (patient away, limb missing) for which the results report a
     # position; no other figure includes them; None if every joint has a true position
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
-    wrong_in_view: tuple[tuple[str, LongestError], ...]  # by limb
+    wrong_in_view: tuple[tuple[str, LongestError], ...]  # by limb: its longest error while in plain view
     # whether the truth states what each camera saw; if not, limbs count as in plain view except in occluded frames
     view_known: bool
     longest_off: LongestError  # longest unbroken time in which one joint was far from its true place
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error in the second half of the frames, divided by the first half's
+    # mean error in the second half of the frames, divided by the mean error in the first half
+    drift_ratio: float | None
     # contacts with people; None if truth or result does not state such contacts
     contacts: ContactEvaluation | None = None
     # contacts with equipment; None if truth or result does not state such contacts, or if tracking did not search for
@@ -281,13 +284,15 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Minimum factor by which the truth's frame interval and duration are both smaller than in the results, for the truth's
-times to count as in another unit. For a truth in minutes, both are 60 times smaller.
+"""The truth's times count as in another unit if the truth's frame interval and its duration are both smaller than in
+the results, by more than this factor. For a truth in minutes, both are 60 times smaller.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours. The truth may have fewer frames than results."""
+    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds may have fewer frames than the
+    results, or cover a shorter time, without an error.
+    """
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (usual_step_s, np.ptp))
@@ -312,7 +317,7 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
     """Return the evaluation of matched frames: row i of joints and row i of truth are the same frame. truth_frames,
-    results_frames: numbers of all frames.
+    results_frames: number of frames of the truth and of the results, matched or not.
     """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     observed = codes == STATE_CODE[JointState.OBSERVED]

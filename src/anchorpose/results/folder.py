@@ -22,9 +22,9 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """A kind of folder that a command writes: how it is recognised, and which files in it the command may replace.
 
-    name: for messages. marks: names of files by which the folder is recognised as replaceable. own: patterns
-    (``fnmatch``) that match the paths of all files that the command writes. All other files are the user's and are kept
-    when the folder is replaced.
+    name: the kind's name in messages. marks: names of files by which the folder is recognised as replaceable. own:
+    patterns (``fnmatch``) that match the paths of all files that the command writes. All other files are the user's and
+    are kept when the folder is replaced.
     """
 
     name: str
@@ -146,7 +146,7 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
         if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
             file.unlink()
     for folder in [*sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True), old]:
-        with suppress(OSError):  # not empty
+        with suppress(OSError):  # a folder that is not empty stays
             folder.rmdir()
     if old.exists():
         old.rename(kept)

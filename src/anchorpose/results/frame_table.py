@@ -20,7 +20,7 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Number of frames per row group of a file; in the table of joints, so many frames take half a megabyte of memory. This
+"""Number of frames per row group of a file; in the table of joints, 512 frames take half a megabyte of memory. This
 number never changes, so that the same values always give the same bytes in the file.
 """
 
@@ -29,7 +29,9 @@ UNKNOWN: Final = -1
 
 
 def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
-    """Return a dataclass with the given rows, a slice, (k,) int or (n,) bool, of all its arrays."""
+    """Return the dataclass ``table`` with only the chosen rows of all its arrays. rows: a slice, indices (k,) int, or a
+    mask (n,) bool.
+    """
     values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
     arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(table, **arrays)  # type: ignore[type-var]

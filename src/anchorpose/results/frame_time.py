@@ -27,8 +27,8 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). The
-    slices serve computations that need much more memory than their results.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``).
+    Computations that need much more memory than their results process the rows of one slice at a time.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -83,8 +83,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Return the runs of ``chosen`` frames as ``unbroken_runs`` does, after leaving out all frames that are not
-    ``known`` (n,) bool.
+    """Leave out all frames that are not ``known`` (n,) bool, and return the unbroken runs of ``chosen`` frames among
+    the remaining frames.
 
     So a joint that is lost for a moment does not end a run. A run may contain unknown frames, but does not begin or end
     with an unknown frame.

@@ -135,7 +135,7 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
-    normal = cross(unit(ankle - knee), y)  # its length: the sine of the bending angle
+    normal = cross(unit(ankle - knee), y)  # its length is the sine of the bending angle
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
@@ -214,7 +214,7 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
-    normal = cross(unit(wrist - elbow), y)  # its length: the sine of the bending angle
+    normal = cross(unit(wrist - elbow), y)  # its length is the sine of the bending angle
     bent, z = length(normal), unit(normal)
     x = cross(y, z)
     inwards = 1.0 if side == "Right" else -1.0

@@ -136,7 +136,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = helped.inferred_share
-    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts
+    of_help = (shared, None, None, shared, shared)  # None, since hands-free time has no contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -309,8 +309,8 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """Return a sentence on how many joint positions were smoothed, filled and left as measured. policy: as in
-    ``MeasureResult``.
+    """Return a sentence on how many joint positions were smoothed, filled and left as measured. policy: the settings
+    and outcome of smoothing and filling, as JSON.
     """
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]

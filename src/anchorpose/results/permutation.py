@@ -25,8 +25,8 @@ import numpy as np
 ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""Maximum number of assignments of conditions to trials at which all are examined, which takes a fraction of a second.
-If more are possible, a random sample of them is examined.
+"""Maximum number of possible assignments of conditions to trials for which all assignments are examined, which takes a
+fraction of a second. If more assignments are possible, a random sample of them is examined.
 """
 
 SAMPLED: Final = 9_999
@@ -133,8 +133,8 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
 
 
 def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the size (k,) of differences between conditions: in standard errors if ``Blocks.scaled``, else in the unit
-    of the measure. total (2, k): differences and their variances.
+    """Return the absolute size (k,) of k differences between conditions: in standard errors if ``Blocks.scaled``, else
+    in the unit of the measure. total (2, k): differences and their variances.
     """
     size = np.abs(total[0])
     if not blocks.scaled:
@@ -144,8 +144,9 @@ def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return, for each block (2, k), the part of the difference between conditions (``Blocks``) and of its variance
-    under k assignments of conditions to the block's trials. weights: for each block (k, trials).
+    """Return an array (2, k) for each block: the block's part of the difference between conditions (``Blocks``), and of
+    the variance of this difference, under each of k assignments of conditions to the block's trials. weights: for each
+    block, the weights (k, trials) of its trials under these assignments.
     """
     found = list[np.ndarray]()
     for places, of_block in zip(blocks.members, weights, strict=True):
@@ -155,8 +156,8 @@ def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> 
 
 
 def _variance(value: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the variance (k,) of a block's difference between conditions, by the scatter of its trials of the same
-    condition. value (trials,); weights (k, trials), one row per assignment.
+    """Return the variance (k,) of a block's difference between conditions, estimated from the scatter among the block's
+    trials of the same condition. value (trials,); weights (k, trials), one row per assignment.
     """
     total = np.zeros(len(weights))
     for cell in (weights > 0.0, weights < 0.0):

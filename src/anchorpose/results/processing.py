@@ -51,8 +51,10 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # of frame k, estimated from frames 0 to k
-    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # predicted for frame k from frame k - 1
+    # state of frame k and its covariance, by frames 0 to k
+    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    # state and covariance predicted for frame k from frame k - 1
+    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
     spread[0, 1, 1], spread[0, 2, 2] = FIRST_SPEED_M_S**2, FIRST_ACCELERATION_M_S2**2
@@ -134,7 +136,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
     together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or if values has fewer
     rows than ``shortest_frames``.
     """
-    from scipy.signal import butter, sosfiltfilt  # takes a third of a second, and few recordings are filtered
+    # imported here, since the import takes a third of a second and few recordings are filtered
+    from scipy.signal import butter, sosfiltfilt
 
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
@@ -194,8 +197,8 @@ def fill_gaps(
 
     A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
     the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
-    the error of filling. To measure the error of filling, gaps of the same length are cut into every stretch in which
-    the joint is known, and filled. The error grows towards the middle of a gap.
+    the error of filling. To measure the error of filling, gaps of the same length are cut wherever the joint is known,
+    filled, and compared with the known positions. The error grows towards the middle of a gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -214,7 +217,9 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> Iterator[slice]:
-    """Yield the gaps that may be filled: with ``reach`` known rows on either side."""
+    """Yield the gaps that may be filled: gaps of at most ``longest_s``, with ``reach`` known rows on either side and
+    without missing frames.
+    """
     longest_step = longest_even_step_s(time_s)
     for gap in runs_of(~known):
         around = slice(max(gap.start - reach, 0), gap.stop + reach)
@@ -276,13 +281,14 @@ class ProcessingConfig:
 
     smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
     joints' sigma; ``jerk`` states how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
-    ``longest_gap_s``; longer gaps stay.
+    ``longest_gap_s``; longer gaps are not filled.
     """
 
     smooth: Smoothing = "none"
     # Hz, usual for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)
     cutoff_hz: Positive = 6.0
-    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a hand that turns back in 0.3 s
+    # m/s^2.5, random change of acceleration; large enough to follow a hand that turns back in 0.3 s
+    jerk: Positive = 30.0
     fill: Filling = "none"
     longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to turn back
 
@@ -293,8 +299,8 @@ class ProcessingConfig:
 
 
 def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """Return the settings as JSON, without unused settings. counts: numbers of joint positions smoothed, filled and so
-    on.
+    """Return the settings as JSON, without unused settings. counts: numbers of joint positions that were measured,
+    smoothed, filled and lost.
     """
     used = asdict(config)
     if config.smooth != "butterworth":
@@ -320,7 +326,7 @@ class ProcessedJoints:
 
 
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
-    """Fill gaps first, then smooth each joint in every stretch without missing frames separately.
+    """Fill gaps first. Then smooth each joint, separately in every run of known frames without a missing frame.
 
     Raises AnchorposeError if the chosen filter does not fit the recording.
     """
@@ -365,14 +371,16 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> tuple[Proces
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return smoothed position (n, 3) and sigma (n,) of an unbroken stretch; None if the stretch stays as measured."""
+    """Return smoothed position (n, 3) and sigma (n,) in an unbroken run of frames; None if the run stays as
+    measured.
+    """
     if len(time_s) < 2 or config.smooth == "none":
         return None
     if config.smooth == "kalman":
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
     if len(time_s) < shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
         return None
-    _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording
+    _require_cutoff(time_s, config.cutoff_hz)  # this run of frames may have a lower frame rate than the recording
     return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
 
 

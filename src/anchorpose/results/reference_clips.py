@@ -27,7 +27,8 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     """Collect the movements of all sources, write them to the file ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
-    skeleton files that do not state it. Raises InputError, before anything is written, if a source cannot be used.
+    skeleton files that do not state their frame rate. Raises InputError, before anything is written, if a source cannot
+    be used.
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")

@@ -60,7 +60,7 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the equations by which the body is fitted. This sigma includes the effects of noise,
+    height_sigma_m is computed from the equations by which the body is fitted. This sigma includes the effects of noise,
     poses and hidden parts. If the patient's height was not stated, it also includes that bodies of other heights would
     fit the images. A bone's sigma also includes a systematic error for clothes and for bodies outside the shape space.
     """
@@ -229,7 +229,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # span of the recording; None if the tracked frames show it
+    recorded: RecordedSpan | None = None  # start and end of the recording; None if the tracked frames show them
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
@@ -399,10 +399,11 @@ def _refuse(value: object) -> None:
 
 
 def recording_digest(inputs: Iterable[tuple[str, str]]) -> str | None:
-    """Return a digest of the recording from which results were made, without its trials; None if no file is recorded.
+    """Return one hash of all input files of the recording from which results were made, except the files of its trials;
+    None if no input file is known.
 
-    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so they
-    are not compared themselves.
+    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so this
+    single hash is compared instead.
     """
     files = sorted(f"{name} {sha}" for name, sha in inputs if not name.startswith(("events.", GIVEN)))
     return hashlib.sha256("\n".join(files).encode()).hexdigest() if files else None

@@ -1,5 +1,5 @@
-"""Compare the events and times of independence that results state with the truth of a simulated session, which states
-in truth.npz the events in which something went wrong, and the contacts with the patient.
+"""Compare the events and times of independence of a result with the truth of a simulated session. The session's
+truth.npz states the events in which something went wrong, and the contacts with the patient.
 """
 
 from __future__ import annotations
@@ -89,9 +89,9 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 def read_true_contacts(
     path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray
 ) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
-    """Return the contacts of a region of the body with a person or with a part of the equipment, and the names of all
-    parts of the equipment. The contacts are those in the frames ``rows`` (t,) of the truth, with the numbers frame (t,)
-    and times time_s (t,) of the result's frames.
+    """Return the true contacts of each region of the body with people and with each part of the equipment, and the
+    names of all parts of the equipment. Only the frames ``rows`` (t,) of the truth count; contacts get the numbers
+    frame (t,) and the times time_s (t,) of the matching frames of the result.
 
     Raises InputError if the arrays do not fit each other.
     """
@@ -263,7 +263,8 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # without the rows of conditions
+    # without the means over a condition's trials
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 
 

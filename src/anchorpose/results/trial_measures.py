@@ -42,7 +42,7 @@ def measures_by_trial(
 
     whole: the measures of the whole recording. If a person or part in them has no contact in a trial, the trial's
     measures for this person or part are 0 s and 0 contacts. settle_s: time after standing up in which the patient is
-    not yet at rest. measure: computes the measures of a cut session.
+    not yet at rest. measure: function that computes the measures of a cut session.
     """
     rows = [row for trial in trials.rows for row in _of_trial(session, trial, whole, settle_s, measure)]
     return [*rows, *condition_measures(trials, rows)]

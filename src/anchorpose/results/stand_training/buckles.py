@@ -36,7 +36,7 @@ from anchorpose.results.uncertainty import sigma_of_difference
 KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 
 HELD_S: Final = 0.1
-"""Window in s of the running median of the angles: it removes errors of single frames."""
+"""Length in s of the window of the running median of the angles, which removes errors of single frames."""
 
 SMOOTHING_S: Final = 0.03
 """Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
@@ -100,8 +100,8 @@ def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Flexion:
-    """A flexion of a knee. before: rows whose median is the angle before the flexion; onset, deepest: rows where it
-    begins and where it is deepest; depth_deg: change of the angle from ``before`` to ``deepest``.
+    """A flexion of a knee. before: rows whose median is the angle before the flexion; onset, deepest: rows at which the
+    flexion begins and is deepest; depth_deg: change of the angle from ``before`` to ``deepest``.
     """
 
     before: slice

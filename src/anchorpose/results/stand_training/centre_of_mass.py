@@ -1,6 +1,6 @@
-"""Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
+"""Estimate the whole body's centre of mass from the joints and a table of segment masses, and measure its sway.
 
-The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which is about living young adults, women
+The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which describes living young adults, women
 and men. The patient's sex is unknown, so the mean of the columns for women and men is used; between the two columns,
 the height of a standing body's centre of mass differs by 4 mm.
 """
@@ -62,7 +62,9 @@ PAIRED_SEGMENTS: Final = (
 
 @cache
 def joint_weights() -> np.ndarray:
-    """Return the joints' weights (21,), read only, in the centre of mass. They sum to 1; some may be negative."""
+    """Return the weight (21,) of each joint in the centre of mass, as a read-only array. The weights sum to 1; some may
+    be negative.
+    """
     weights = np.zeros(JOINT_COUNT)
     for segment, side in (*product(SINGLE_SEGMENTS, [""]), *product(PAIRED_SEGMENTS, ["Left", "Right"])):
         for joints, share in ((segment.starts, 1.0 - segment.fraction), (segment.ends, segment.fraction)):

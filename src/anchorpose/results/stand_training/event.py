@@ -107,8 +107,8 @@ two shares. Below ``EARLY``, noise hides the movement; beyond ``LATE``, the pati
 
 
 def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
-    """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows:
-    contain the onset, and end where the movement is deepest.
+    """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows: range
+    of rows that contains the onset and ends where the movement is deepest.
 
     The movement accelerates from rest, so its depth grows with the square of the time. If the movement reaches a tenth
     of its depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.

@@ -176,8 +176,8 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Length in s of the window of the running median over an angle. With a median, an extreme angle counts only if it is
-held for about half of the window: the extreme in a single frame is mostly error.
+"""Length in s of the window of the running median over an angle. With a median, an extreme angle counts only if it
+lasts for about half of the window, since the extreme in a single frame is mostly error.
 """
 
 LEAST_S: Final = 1.0  # s, minimum duration of a run of frames in which the angle is known, for its range to be measured
@@ -199,7 +199,8 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), series.sigma_deg[rows[[low, high]]]
     state_code = series.state_code[rows]
-    if value <= NORMAL_95 * np.hypot(first, second):  # without movement, the extremes are two independent errors
+    # if the joint does not move, the extremes are two independent errors
+    if value <= NORMAL_95 * np.hypot(first, second):
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)
 

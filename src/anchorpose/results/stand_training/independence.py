@@ -57,9 +57,9 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: the name of the part's angle, None for the trunk's inclination.
-    regions: regions of the body where a contact helps to extend the part. beside: neighbouring regions; a hand near the
-    border may be reported there. joints: joints at ``regions``; if such a joint is unseen, a hand that holds the part
-    may be unseen, too.
+    regions: regions of the body where a contact helps to extend the part. beside: regions next to ``regions``; a hand
+    near the border between them may be reported in either. joints: joints at ``regions``; if such a joint is unseen, a
+    hand that holds the part may be unseen, too.
     """
 
     name: str
@@ -102,9 +102,10 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session) -> list[Measure]:
-    """Return, for each part, the time extended, the time extended without another person's hand on the part, and the
-    time and bouts extended with neither such a hand nor equipment on the part. Also return bouts upright without help,
-    and the upright time for each number of hands with which the patient holds on.
+    """Return, for each part: the time for which it is extended; the time until it is first extended; the time extended
+    without another person's hand on the part; and the time, the number of bouts and the longest bout extended with
+    neither such a hand nor equipment on the part. Also return bouts upright without help, and the upright time for each
+    number of hands with which the patient holds on.
     """
     rows = list[Measure]()
     for part in PARTS:
@@ -261,7 +262,7 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 
 
 def _longest_s(session: Session, frames: np.ndarray, runs: Sequence[slice]) -> float:
-    """Return the longest time of the ``frames`` (n,) bool in one of the runs; 0 without runs."""
+    """Return the time of the ``frames`` (n,) bool in the run in which this time is longest; 0 without runs."""
     return max((float(session.seconds[run][frames[run]].sum()) for run in runs), default=0.0)
 
 

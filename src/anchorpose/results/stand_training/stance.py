@@ -216,9 +216,10 @@ class Session:
     searched for contacts, empty if the recording has no model of the equipment.
 
     States with hysteresis are decided in the whole recording, since a state in a trial may have begun before the trial.
-    shifted_upright (n, 2) int8: ``upright`` if every value is moved by one sigma away from standing, and towards it;
-    extended (n, 5, 3) bool: whether each knee, each hip and the trunk is extended (``independence.extended_states``).
-    onset_s: the time at which the recording or the trial begins; a trial may begin before its first frame.
+    shifted_upright (n, 2) int8: results of the function ``upright`` if every value is moved by one sigma away from
+    standing (first column), and towards it (second column); extended (n, 5, 3) bool: whether each knee, each hip and
+    the trunk is extended (``independence.extended_states``). onset_s: the time at which the recording or the trial
+    begins; a trial may begin before its first frame.
     """
 
     joints: JointTable
@@ -280,7 +281,9 @@ class Session:
 
     @property
     def onset_seen(self) -> bool:
-        """Return whether the first frame follows the onset without a gap in which it is unknown what happened."""
+        """Return whether the first frame follows the onset without a long gap (``longest_known_gap_s``), in which it
+        would be unknown what happened.
+        """
         time_s = self.joints.time_s
         return len(time_s) < 2 or bool(time_s[0] - self.onset_s <= longest_known_gap_s(time_s))
 
