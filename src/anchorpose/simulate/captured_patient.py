@@ -23,7 +23,7 @@ ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # ang
 GIVES_M: Final = 0.01  # m, maximum depth of an arm inside the body, since soft tissue gives way
 HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less than this is abducted by the full angle
 RAISED_RAD: Final = 1.6  # rad; an arm that is raised by more than this is not abducted
-DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
+DRAWS: Final = 6  # maximum number of draws of a movement; the first movement whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
 DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
 # minimum cosine, for a point inside the body, between the direction to the nearest skin and the normal of that skin
@@ -88,7 +88,9 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Abduct the arms about the thorax's forward axis by ``angle``, or by less if they are raised."""
+    """Abduct the arms about the thorax's forward axis by ``angle``; arms that are raised are abducted by less, or not
+    at all.
+    """
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

@@ -42,7 +42,8 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, direction to each camera: 0 = front, + = left
+# rad, direction from the patient to each camera: 0 = front, + = left
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)  # rad, maximum random deviation of each camera from ``AZIMUTH_RAD``
 WALL_M = 2.7  # m, height of the walls
 
@@ -76,8 +77,8 @@ class Clinic:
     def true_times_s(self, camera: int) -> np.ndarray:
         """Return the true times (t,), s, at which a camera takes its images.
 
-        The time stamps of the images differ from these times: a stamp is the epoch of the camera's clock plus frame /
-        fps.
+        The time stamps of the images differ from these times: a stamp is the epoch of the camera's clock, plus frame /
+        fps, plus a random error.
         """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
@@ -125,7 +126,9 @@ class Performance:
 
     @property
     def away(self) -> np.ndarray:
-        """Return (t,) bool: whether the patient is out of the room."""
+        """Return (t,) bool: whether the patient is away, out of the view of all cameras (``away_s`` of the
+        configuration).
+        """
         spans = self.clinic.config.away_s
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
@@ -184,7 +187,9 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
 
 
 def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
-    """Return the clinic of a session: a patient who does its trials, and therapists who help in some trials."""
+    """Return the clinic of a session: a patient who does the session's trials, and therapists who help in some
+    trials.
+    """
     person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
     plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
     patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)

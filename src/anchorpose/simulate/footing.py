@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; so small a rise is noise
+WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; a rise as small as this is noise
 # m; an ankle's rise of up to ``WAVER_M`` becomes 0; a rise of at least ``WAVER_M`` + ``CLEAR_M`` is unchanged
 CLEAR_M: Final = 0.06
 # m, maximum rise and travel of an ankle if only the heel has left the floor
@@ -115,8 +115,8 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the ankle's path (n, 3): constant while the foot stands, and between two stands the captured path,
-    shifted to begin and end at the stands.
+    """Return the ankle's path (n, 3): constant while the foot stands. Between two places at which the foot stands, it
+    is the captured path, shifted so that it begins and ends at these places.
     """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
     between = np.ones(len(rows), dtype=bool)
@@ -140,7 +140,9 @@ def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the foot's direction (n,), radians to the left, constant while it stands; toes (n, 3): as captured."""
+    """Return the foot's direction (n,), radians to the left, constant while it stands. toes (n, 3): captured directions
+    of the foot.
+    """
     yaw = np.arctan2(-toes[:, 2], toes[:, 0])
     known, value = [], []
     for a, b in stands:

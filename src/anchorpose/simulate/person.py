@@ -35,7 +35,8 @@ SHORTEST_M, TALLEST_M = 1.5, 1.9
 COEFFICIENT_SPREAD = 0.8
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
-MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
+# mean and standard deviation of clothes' height, in units of ``Clothes.amplitude_m``
+MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32
 # GAP_SPREAD: standard deviation of the logarithm of the gap between skin and clothes. GAP_PER_FOLD: wavelength of the
 # gap's variation over the skin, divided by the wavelength of the folds. The gaps make simulated clothes similar to real
 # ones: tracking learns an offset for each patch of skin (with a prior of 20 mm), and these offsets had the following
@@ -45,7 +46,8 @@ GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of a factor on the height of folds
-BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # a bone is bare if its name contains one of these
+# a bone is bare if its name contains one of these texts
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +58,9 @@ class Clothes:
     # (v,) factor on the clothes' mean distance from the skin; where it is below 1, it also lowers the folds
     gap: np.ndarray
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
-    phase: np.ndarray  # (k,) rad
+    phase: np.ndarray  # (k,) rad, phase of each wave at time 0 in the rest pose
     drift: np.ndarray  # (k,) rad/s, change of phase with time
-    bend_gain: np.ndarray  # (k,) rad of phase per rad of joint bend
+    bend_gain: np.ndarray  # (k,) change of phase, in rad, for each rad by which joints are bent
     amplitude_m: float  # height of a fold
 
 
@@ -70,7 +72,7 @@ class Person:
     coefficients: np.ndarray  # (k,) shape coefficients; empty for a body from a file
     height_m: float
     clothes: Clothes
-    normals: np.ndarray  # (v, 3) outward, of the skin in the rest pose
+    normals: np.ndarray  # (v, 3) outward normals of the skin in the rest pose
 
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
         """Return the dressed skin (v, 3), float32 world metres; transforms (b, 4, 4): T_world_rest of the bones."""
@@ -180,7 +182,9 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); folds have mean height."""
+    """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); the clothes have their mean
+    height above the skin.
+    """
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     height_m = MEAN_HEIGHT * clothes.amplitude_m * clothes.cover[vertices] * clothes.gap[vertices]

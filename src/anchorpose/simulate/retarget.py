@@ -28,9 +28,11 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg / its length; at this reach, the knee is still bent by 7 degrees
+# maximum reach of a leg, divided by its length; at this reach, the knee is still bent by 7 degrees
+STRAIGHT_LEG: Final = 0.998
 PELVIS_S: Final = 0.06  # s, standard deviation of the Gaussian that smooths the path of the pelvis
-KNEE_SHOWS_M: Final = 0.05  # m; a knee this far from the line from hip to ankle points in the captured direction
+# m; a knee at least this far from the line from hip to ankle points in the captured direction
+KNEE_SHOWS_M: Final = 0.05
 AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # rad, downward pitch of a foot in the air below an upright shank
 FINGERS_RAD: Final = 0.25  # rad, curl of the fingers
@@ -168,7 +170,9 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the pelvis (n, 3): the mean of the places (n, 2, 3) that the feet imply, weighted by ``feet.stands``."""
+    """Return the position of the pelvis (n, 3): the mean of the positions (n, 2, 3) that the two feet imply, weighted
+    by ``feet.stands`` and smoothed.
+    """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
@@ -190,7 +194,8 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
-    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))  # pitch at which toes touch the floor
+    # pitch at which the toes would touch the floor
+    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))
     return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
 
 

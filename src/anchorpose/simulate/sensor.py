@@ -27,7 +27,7 @@ class SensorSpec:
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
-    disparity_steps: float = 32.0  # quantisation steps per pixel of disparity
+    disparity_steps: float = 32.0  # number of quantisation steps per pixel of disparity
     filtered: bool = False  # whether librealsense's filters are applied: decimation by two, then smoothing
     wiggle_m: float = 0.0012  # m, amplitude of a time-of-flight camera's smooth error, which is constant in a session
     dots: int = 0  # number of laser points from which the image is computed; 0 = every pixel has its own measurement
@@ -162,7 +162,7 @@ FLYING = 0.22  # probability that an edge pixel has a depth between the near and
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
 GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) that gives a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
-SPECKLE_DEVIATIONS = 2.7  # standard deviations of noise above which stereo matching fails
+SPECKLE_DEVIATIONS = 2.7  # size of the noise, in standard deviations, above which stereo matching fails
 JOINED_M = 0.1  # m; ARKit smooths depth steps below this value, unless the colour image shows an edge
 
 

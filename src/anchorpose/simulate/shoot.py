@@ -24,7 +24,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
-BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
+BACKGROUND_FRAMES = 9  # number of images of the empty room; the median of these images is stored
 # m; maximum difference between the depth of seen skin and the depth in its pixel; a pixel is 7 mm wide at 2.5 m
 SAME_SKIN_M: Final = 0.03
 
@@ -237,8 +237,8 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (p,) bool: whether the depth of each point (p, 3), camera frame, equals the patient's depth in the point's
-    pixel.
+    """Return (p,) bool: whether each point (p, 3), camera frame, is the surface that the camera sees: the point's pixel
+    shows the patient, at the point's depth within ``SAME_SKIN_M``.
     """
     columns, rows, inside = camera.pixel_of(inside_m)
     near = np.abs(image.depth_m[rows, columns] - inside_m[:, 2]) < SAME_SKIN_M

@@ -56,7 +56,7 @@ class Therapist:
     """A person in the room who is not the patient."""
 
     actor: Actor
-    hold: Hold | None  # places that the hands hold; None = holds nothing
+    hold: Hold | None  # places that the hands hold; None = the person holds nothing
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
         """Return T_world_rest (t, b, 4, 4) of every bone of the therapist. Hands that hold the patient move with the
@@ -80,7 +80,9 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds none or cannot follow it."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds no joint, or cannot follow the
+        joint.
+        """
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -166,7 +168,7 @@ def draw_passer_by(
     rng: np.random.Generator, config: SimulationConfig, cameras: tuple[Camera, ...], camera: int | None = None
 ) -> Therapist:
     """Draw a person who walks across the line from a camera to the patient, in the middle of the recording. camera:
-    None = drawn.
+    index of the camera; None = drawn.
     """
     person = draw_person(rng, config.clothing_m)
     chosen = cameras[int(rng.integers(len(cameras))) if camera is None else camera]

@@ -50,7 +50,7 @@ ROOM_KEY: Final = 1002  # key of a room's random streams; ``clinic`` and ``confi
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # rad, maximum angle between the line of sight and the room's long axis
 PERSON_CLEAR_M: Final = 0.5  # m, radius of the free area around a person who sits or stands
-WALK_CLEAR_M: Final = 0.35  # m on both sides of a walking person's path that stay free
+WALK_CLEAR_M: Final = 0.35  # m, width that stays free on each side of a walking person's path
 TRIES: Final = 200  # maximum number of places that are tried for a person
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
 """Forward shift of the patient for each posture, which brings the pelvis to the place at which the camera is aimed. The
@@ -63,7 +63,7 @@ class RoomScene:
     """The content of a room in the world frame; the patient is at the origin and faces +X."""
 
     camera: Camera
-    triangles: np.ndarray  # (n, 3, 3) of all that never moves
+    triangles: np.ndarray  # (n, 3, 3) triangles of everything that never moves
     shiny: np.ndarray  # (n,) bool, triangles of bare metal
     mirror: Mirror | None
     patient: Actor | CapturedActor

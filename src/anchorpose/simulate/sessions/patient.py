@@ -1,4 +1,6 @@
-"""Draw the movements of a session's patient: knees that extend and hold, hands on and off the rails, and incidents."""
+"""Draw the movements of a session's patient: knees that extend and stay extended, hands on and off the rails, and
+incidents.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +96,7 @@ def _both(channel: str, amount: float) -> tuple[tuple[str, float], ...]:
 
 
 def _holding(trial: PlannedTrial) -> Movement:
-    """Return the movement in which both knees extend, hold, and bend again."""
+    """Return the movement in which both knees extend, stay extended, and bend again."""
     offsets = zip(SIDES, trial.held_deg, strict=True)
     knees = tuple((f"knee_{side}", float(np.radians(held_deg - RESTING_DEG))) for side, held_deg in offsets)
     from_s, to_s = trial.holds_s
@@ -117,8 +119,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return the times at which the hands leave the rails for a recovery step and are back on them. The fall and the
-    recovery are in the middle of the time in which the knees stay extended.
+    """Return the time at which the hands leave the rails for a recovery step, and the time at which they are back on
+    the rails. The fall and the recovery are in the middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

@@ -1,4 +1,6 @@
-"""Draw the therapists of a session, who crouch beside the patient. In trials with help, each holds knee and hip."""
+"""Draw the therapists of a session, who crouch beside the patient. In trials with help, each therapist holds a knee and
+a hip.
+"""
 
 from __future__ import annotations
 

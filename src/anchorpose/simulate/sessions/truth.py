@@ -111,7 +111,7 @@ def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """Return the arrays that truth.npz has only for a session."""
+    """Return the arrays that truth.npz contains only if the recording is a session."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),
