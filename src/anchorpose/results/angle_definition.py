@@ -83,7 +83,7 @@ angle, such as the ratio of lengths in ``LEAST_LEVER``. If the lever is below ``
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
-    """A group of angles that one formula computes from the same joints. The formula returns them in the order of
+    """A group of angles that one formula computes from the same joints. The formula returns the angles in the order of
     ``names``.
 
     own_sigma: function that returns the standard deviation (n,) in radians of the error that the formula makes even

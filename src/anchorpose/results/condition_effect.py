@@ -79,7 +79,7 @@ def effects(
     untested: Mapping[str, str] | None = None,
     allowed: Mapping[str, float] | None = None,
 ) -> list[Effect]:
-    """Return the effect on one measure of every condition except the reference.
+    """Return, for one measure, the effect of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
     if it is known from repeated sessions. untested: by condition, the reason why the effect of this condition on the
@@ -182,9 +182,9 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
 
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
-    fully correlated. They cancel in the difference if they are equally large; if a part of them remains, its variance
-    is added to the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is unknown,
-    the interval is unknown.
+    fully correlated. These errors cancel in the difference if they are equally large; if a part of them remains, its
+    variance is added to the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is
+    unknown, the interval is unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))

@@ -283,7 +283,7 @@ def read_corrections(path: Path) -> Corrections:
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """Return the corrections (possibly none) with which the results of ``run`` were tracked, so that the next review
-    begins with them. run: content of the run.json at ``path``. Raises InputError if they cannot be used.
+    begins with them. run: content of the run.json at ``path``. Raises InputError if the corrections cannot be used.
     """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]

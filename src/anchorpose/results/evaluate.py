@@ -52,7 +52,9 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""By limb, indices (k,) of the joints whose errors count for it; shoulders and hips count for ``trunk_and_head``."""
+"""By limb, indices (k,) of the joints whose errors count as errors of the limb; shoulders and hips count as
+``trunk_and_head``.
+"""
 
 
 SEEN_SHARE: Final = 0.25

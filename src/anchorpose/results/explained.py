@@ -86,8 +86,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return the badness (n,) of each frame's explanation. It is the larger of two ratios: the uncovered area divided
-    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. At 1 or more, a
-    limb is probably not where it is reported. The result is NaN if neither quantity is known.
+    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. If the badness is
+    1 or more, a limb is probably not at the place that the result reports. The result is NaN if neither quantity is
+    known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)

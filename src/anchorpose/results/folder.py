@@ -68,7 +68,7 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     if there was an error.
 
     own: patterns (``fnmatch``) of the files in ``path`` that may be deleted. Raises InputError if nothing can be
-    written there, or ``path`` is a link.
+    written beside ``path``, or if ``path`` is a link.
     """
     if path.is_symlink():
         raise InputError(path, "is a link", "choose another name; nothing was touched")
@@ -108,7 +108,7 @@ def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
     target = path.resolve()
     if not own or not target.exists():
         try:
-            os.rename(made, target)  # atomic; replaces an empty folder, never a filled one
+            os.rename(made, target)  # atomic; replaces an empty folder, but never a folder that contains files
         except OSError:
             other = free_name(target)
             os.rename(made, other)

@@ -39,8 +39,8 @@ def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of numbers. In memory they are one array (..., names), or (...) for a single name. NaN in memory is null
-    in the file.
+    """Columns of numbers. In memory, the columns are one array (..., names), or (...) for a single name. NaN in memory
+    is null in the file.
 
     least, most: smallest and largest allowed number.
     """
@@ -227,7 +227,7 @@ class FrameTable(Generic[Frames]):
 
 def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str], remedy: str) -> np.ndarray:
     """Return (n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of
-    them.
+    ``texts``.
     """
     encoded = column.combine_chunks().dictionary_encode()
     found, index = encoded.dictionary.to_pylist(), {text: number for number, text in enumerate(texts)}

@@ -150,7 +150,7 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line through the hip joints: for a
     straight knee, noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the
     plane of its hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two
-    limits, it changes gradually from the first definition to the second. No knee bends backwards beyond
+    limits, the angle changes gradually from the first definition to the second. No knee bends backwards beyond
     ``PLANE_KNOWN_RAD``, so above this limit the angle is positive, and the line through the hip joints is not needed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))

@@ -174,8 +174,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Minimum number of trials from which the error of filling a gap is estimated. Each trial removes as many known
-positions as the gap has missing positions, and fills them.
+"""Minimum number of trials from which the error of filling a gap is estimated. In each trial, as many known positions
+as the gap has missing positions are removed and filled.
 """
 
 
@@ -195,10 +195,10 @@ def fill_gaps(
     """Fill gaps of up to longest_s in the positions position_m (n, 3) of one joint, which are NaN where the joint is
     lost.
 
-    A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
-    the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
-    the error of filling. To measure the error of filling, gaps of the same length are cut wherever the joint is known,
-    filled, and compared with the known positions. The error grows towards the middle of a gap.
+    A gap is not filled if it lasts longer than longest_s (from the last frame before it to the first frame after it),
+    if it begins or ends the recording, if frames are missing around it, or if the joint was not known for long enough
+    elsewhere to measure the error of filling. To measure the error of filling, gaps of the same length are cut wherever
+    the joint is known, filled, and compared with the known positions. The error grows towards the middle of a gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -232,8 +232,8 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """Return the weights (m, 2 or 4) of the known positions around a gap, by which they are summed to its m missing
-    positions.
+    """Return the weights (m, 2 or 4) of the known positions around a gap. Each of the gap's m missing positions is a
+    weighted sum of these known positions.
 
     Two known positions give the straight line between them. Four known positions give a cubic Hermite curve between the
     inner two. At each inner position, the curve's velocity is the mean velocity between this position and the outer

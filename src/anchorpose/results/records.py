@@ -294,7 +294,8 @@ def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, An
 
 
 def read_definition(path: Path) -> Definition | None:
-    """Return the definition of a measures.parquet; None if the file is from a version that did not store it.
+    """Return the definition of a measures.parquet; None if the file is from a version that did not store the
+    definition.
 
     Raises InputError if the definition cannot be read.
     """
@@ -382,7 +383,7 @@ class StoredPeople:
         self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises
-        InputError if it cannot be read.
+        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises InputError
+        if the file cannot be read.
         """
         return self._read(frame).get((frame, camera))

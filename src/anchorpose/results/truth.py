@@ -68,7 +68,9 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the shares unchanged; raise InputError if they do not fit the joints, shape (t, n), or are invalid."""
+    """Return the shares unchanged; raise InputError if the shares do not fit the joints, shape (t, n), or are
+    invalid.
+    """
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)

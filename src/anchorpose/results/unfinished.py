@@ -205,7 +205,7 @@ def _remove(entry: Path) -> None:
 
 def clear_beside_journal(work: Path) -> None:
     """Remove files that a resumed run does not need: tables and pictures of a stopped run, which are written again, and
-    the journal of an overwritten run. Call it only after all inputs have been accepted.
+    the journal of an overwritten run. Call this function only after all inputs have been accepted.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 

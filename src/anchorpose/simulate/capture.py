@@ -24,8 +24,8 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. The second axis of all arrays of limbs is the
-    side: left, right.
+    """A captured movement with ``CLIP_HZ`` frames per second; the subject faces +X on average. The second axis of all
+    arrays of limbs is the side: left, right.
     """
 
     start_s: float  # time of the first of the n rows of the arrays

@@ -20,7 +20,7 @@ from anchorpose.simulate.timeline import ease
 # s of movement before and after the recording, for cameras with wrong clocks, which take images too early or too late
 MARGIN_S: Final = 3.0
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
-GIVES_M: Final = 0.01  # m, maximum depth of an arm inside the body, since soft tissue gives way
+GIVES_M: Final = 0.01  # m, maximum tolerated depth of an arm inside the body, since soft tissue gives way
 HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less than this is abducted by the full angle
 RAISED_RAD: Final = 1.6  # rad; an arm that is raised by more than this is not abducted
 DRAWS: Final = 6  # maximum number of draws of a movement; the first movement whose arms stay outside the body is used
@@ -30,7 +30,8 @@ DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's
 UNDER_SKIN: Final = 0.7
 # A bone whose name contains one of these texts must stay outside the body.
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")
-ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # texts in the names of arm bones; all other bones belong to the body
+# texts in the names of arm bones; all other bones belong to head, trunk or legs
+ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:

@@ -55,8 +55,9 @@ ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stan
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording after which a late patient comes into view
 HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
-LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # limits of the settings ``seconds`` and ``fps``
-THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
+LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # s and Hz, maximum values of the settings ``seconds`` and ``fps``
+# m, maximum height of the folds of clothes; higher folds would hide the body's shape
+THICKEST_CLOTHING_M: Final = 0.015
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
 

@@ -81,8 +81,8 @@ def _spans(chosen: np.ndarray) -> Spans:
 
 
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
-    """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays down
-    between them.
+    """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays on the
+    floor between them.
 
     ankle_m (n, 3), lift_m (n,): ankle and height of one foot.
     """
@@ -115,8 +115,8 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the ankle's path (n, 3): constant while the foot stands. Between two places at which the foot stands, it
-    is the captured path, shifted so that it begins and ends at these places.
+    """Return the ankle's path (n, 3): constant while the foot stands. Between two places at which the foot stands, the
+    path is the captured path, shifted so that it begins and ends at these places.
     """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
     between = np.ones(len(rows), dtype=bool)

@@ -76,7 +76,9 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """Return the true image of one camera without people. The mirror of a cluttered room still reflects them."""
+        """Return the true image of one camera without people. The mirror of a cluttered room still reflects the
+        people.
+        """
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -208,7 +210,8 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return, for each joint (21,), the seen share of the skin around it that faces the camera.
+    """Return, for each joint (21,), the share of skin that the camera sees among the skin around the joint that faces
+    the camera.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
     skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.

@@ -150,10 +150,10 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     """Write the truth with which tracking is compared. Its t frames are the frames of the first camera; places are in
     metres, world.
 
-    occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera. The
-    arrays occluded, patient_pixels and seen_share describe the image on the disk that each camera took nearest to the
-    frame's time, within half a frame period; a camera without such an image counts as a camera that sees nothing.
-    In addition to the keys of the file format, the file has these arrays (n other people):
+    occluded (t,): whether a hole was cut into the images, or passers-by hide over ``PASSER_HIDES`` of the patient's
+    pixels from a camera. The arrays occluded, patient_pixels and seen_share describe the image on the disk that each
+    camera took nearest to the frame's time, within half a frame period; a camera without such an image counts as a
+    camera that sees nothing. In addition to the keys of the file format, the file has these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
     - seen_share (t, 21, cameras): seen share of the camera-facing skin around each joint (``seen_shares``) - touched

@@ -1,5 +1,5 @@
-"""Measure how straight knees and hips are while upright, how left and right differ, and each joint's range of
-motion.
+"""Measure how straight knees and hips are while the patient is upright, how left and right differ, and each joint's
+range of motion.
 """
 
 from __future__ import annotations

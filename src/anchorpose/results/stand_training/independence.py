@@ -267,9 +267,9 @@ def _longest_s(session: Session, frames: np.ndarray, runs: Sequence[slice]) -> f
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
-    """Return sigma of a time without contacts, for which the upper limit is reported.
+    """Return sigma of a time without contacts. The reported time is the upper limit of the true time.
 
-    The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
+    The true time may be less by up to ``unsure_s``. If the true time is uniformly distributed over this range, its
     root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the distance from the
     middle of the range.
     """
@@ -310,8 +310,8 @@ HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no
 
 
 def _holding(session: Session) -> list[Measure]:
-    """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on it counts
-    as a hand.
+    """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on the
+    equipment counts as a hand.
 
     If a hand is lost and has no reported contact in a frame, this frame counts for none of the three times. A hand that
     is hidden or lost makes all three times uncertain.

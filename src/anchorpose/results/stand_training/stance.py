@@ -166,8 +166,8 @@ class Limits(NamedTuple):
 
 
 def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
-    """Test the limits in every frame. shift: number of sigmas by which every value is moved towards standing, to find
-    the effect of errors.
+    """Test in every frame whether the ``enter`` limits are met, and whether a ``leave`` limit is passed. shift: number
+    of sigmas by which every value is moved towards standing, to find the effect of errors.
     """
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg

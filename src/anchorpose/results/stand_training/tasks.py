@@ -147,7 +147,7 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
     """Return the number of rows, from the first, in which both ankles stay within ``BASE_M`` of their places in the
-    first row; 0 if an ankle is unknown there.
+    first row; 0 if an ankle is unknown in the first row.
     """
     if not len(rows):
         return 0
@@ -160,7 +160,7 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
 """Limits in m of the height of one ankle above the other. The higher foot counts as off the floor while this height
-exceeds ``LOWERED_M``, if it exceeds ``LIFTED_M`` at any time in between.
+exceeds ``LOWERED_M``, if the height exceeds ``LIFTED_M`` at any time in this period.
 """
 
 LEAST_STANCE_S: Final = 1.0

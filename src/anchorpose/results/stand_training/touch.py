@@ -41,7 +41,7 @@ class Touch(NamedTuple):
 
 
 def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
-    """Return the touches at frames (n,), increasing; a contact's first and last frame belong to it."""
+    """Return the touches at frames (n,), increasing; a contact includes its first and its last frame."""
     count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
     starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
     ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")

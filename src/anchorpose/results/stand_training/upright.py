@@ -222,7 +222,8 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
     """Return whether the pelvis stays near its lowest height in a run for long enough. height (k,): height of the
-    pelvis. For standing, pass it with the sign reversed, since the pelvis must then stay near its greatest height.
+    pelvis. For standing, pass the height with the sign reversed, since the pelvis must then stay near its greatest
+    height.
     """
     there = np.isfinite(height)
     if not there.any():
@@ -252,7 +253,7 @@ def _transition(
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1], JOINT_SHARE)))
     noise /= abs(end_level - start_level)  # ``noise`` is now a share of the height's change, like ``edge``
-    shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
+    shake = min(noise, 0.5 * config.edge)  # at most half of ``edge``, so that ``edge - shake`` is above 0
     moves = [_moving(way, middle, edge) for edge in (config.edge, config.edge + shake, config.edge - shake)]
     lengths = [float(time_s[before.start + last] - time_s[before.start + first]) for first, last in moves]
     first, last = moves[0]

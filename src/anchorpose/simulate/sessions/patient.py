@@ -24,7 +24,7 @@ ALWAYS_S: Final = 1e5  # s, a duration that is longer than any session
 BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then stays bent
-# bend of the other knee as a share of the buckle's depth; it bends, too, since the pelvis sinks
+# bend of the other knee as a share of the buckle's depth; the other knee bends, too, since the pelvis sinks
 OTHER_KNEE: Final = 0.4
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins

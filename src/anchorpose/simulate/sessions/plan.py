@@ -28,7 +28,7 @@ SIDES_DEG: Final = 2.0  # degrees, maximum difference in flexion between a patie
 # degrees, standard deviation, between trials, of the flexion of extended knees; assumed for a patient with similar
 # trials
 SCATTER_DEG: Final = 1.5
-LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
+LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: the flexion of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
 # Time from the moment at which the knees begin to bend again to the end of the trial, as a share of the trial, unless
@@ -143,7 +143,7 @@ def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list
 
 
 def _draw_incidents(rng: np.random.Generator, config: SessionConfig) -> list[Incident | None]:
-    """Draw the incident of each trial, None for a trial without one."""
+    """Draw the incident of each trial, None for a trial without an incident."""
     found: list[Incident | None] = [None] * config.trials
     places = rng.permutation(config.trials)[: len(INCIDENTS) * config.incidents]
     for number, place in enumerate(places.tolist()):
