@@ -139,7 +139,8 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: leg bent backwards, normal reversed
+    # ``along`` is negative if the leg is bent backwards, which reverses the normal
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 

@@ -209,9 +209,9 @@ class CalibrationUsed:
 
 @dataclass(frozen=True, slots=True)
 class PictureRecord:
-    """A picture kept for the report, under the results folder."""
+    """A picture that is kept for the report, in the results folder."""
 
-    file: FileInFolder  # relative to the results folder
+    file: FileInFolder  # path of the picture, relative to the results folder
     frame: Frame
     time_s: Seconds
     camera: str

@@ -24,9 +24,9 @@ WIDEST_M = 0.62
 class Sweep:
     """The space through which a patient moves, given by the patient's skin at k moments."""
 
-    skin_m: np.ndarray  # (k, v, 3) skin, including clothes
+    skin_m: np.ndarray  # (k, v, 3) vertices of the skin at the k moments, including clothes
     arms: np.ndarray  # (v,) bool, vertices of the arms
-    pelvis_m: np.ndarray  # (k, 3)
+    pelvis_m: np.ndarray  # (k, 3) positions of the pelvis at the k moments
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
         """Return the skin points (n, 3) of all moments that lie between two heights and within ``aside_m`` of the plane

@@ -54,7 +54,7 @@ class OtherBody:
 class Scales:
     """Factors on the size of each bone's body segment, relative to the body before scaling."""
 
-    length: np.ndarray  # (b,)
+    length: np.ndarray  # (b,) factors on the length of the segments
     girth: np.ndarray  # (b, 2) factors on depth and breadth; for limbs, both are equal
 
 

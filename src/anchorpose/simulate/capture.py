@@ -29,7 +29,7 @@ class Capture:
     """
 
     start_s: float  # time of the first of the n rows of the arrays
-    waist_m: np.ndarray  # (n, 3)
+    waist_m: np.ndarray  # (n, 3) positions of the waist
     pelvis: np.ndarray  # (n, 3, 3) rotation from upright
     thorax: np.ndarray  # (n, 3, 3) rotation from upright
     head: np.ndarray  # (n, 3) direction from the head joint to the top of the head
@@ -37,7 +37,7 @@ class Capture:
     legs: np.ndarray  # (n, 2, 2, 3) directions of thigh and shank
     arm_axis: np.ndarray  # (n, 2, 3) axis about which the elbow bends
     knee_m: np.ndarray  # (n, 2, 3) vector to the knee from the line between hip and ankle
-    ankle_m: np.ndarray  # (n, 2, 3)
+    ankle_m: np.ndarray  # (n, 2, 3) positions of the ankles
     toes: np.ndarray  # (n, 2, 3) direction of the foot
     leg_m: float  # length of the subject's leg
     seated: bool  # whether the subject sits down on a seat or gets up from a seat

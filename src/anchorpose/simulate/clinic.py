@@ -97,7 +97,7 @@ class Performance:
     """The movements of all people at given times."""
 
     clinic: Clinic
-    times_s: np.ndarray  # (t,)
+    times_s: np.ndarray  # (t,) times of the images
     bones: tuple[np.ndarray, ...]  # per person, the patient first: (t, b, 4, 4) T_world_rest of the bones
 
     def figures(self, frame: int) -> tuple[Figure, ...]:

@@ -74,7 +74,7 @@ class SimulationConfig:
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera; empty = every camera has ``sensor``
     lens: LensName | None = None  # lens of the sensor; None = the usual lens of its model
     equipment: Equipment = "standing-frame"
-    chest_pad: bool = False  # add a chest pad to the parallel bars, with straps beside the hips
+    chest_pad: bool = False  # whether the parallel bars have a chest pad, with straps around the hips
     equipment_moves_at_s: float | None = None  # s, time at which the equipment is pushed; None = never
     equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m, distances along X and Z by which the equipment is pushed
     stool: bool = True  # whether a patient who sits has a stool

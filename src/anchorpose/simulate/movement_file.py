@@ -67,7 +67,7 @@ class Clips:
 
     names: tuple[str, ...]  # (c,) names of the clips
     joints_m: tuple[np.ndarray, ...]  # per clip (n, j, 3): x to the subject's left, y up, z ahead
-    joint_names: tuple[str, ...]  # (j,)
+    joint_names: tuple[str, ...]  # (j,) names of the joints
 
     def joint(self, clip: int, name: str) -> np.ndarray:
         """Return the positions (n, 3) of a joint, metres."""

@@ -152,7 +152,7 @@ class GivingWay(Movement):
 class Beating(Movement):
     """A movement that oscillates between its offsets and their opposite, such as a clonus."""
 
-    frequency_hz: float  # oscillations per second
+    frequency_hz: float  # number of oscillations per second
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
         """Return the factor (t,), -1 to 1, on the offsets."""

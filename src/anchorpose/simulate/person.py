@@ -232,7 +232,9 @@ def _dressed(asset: BodyAsset) -> np.ndarray:
 
 
 def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
-    """Return random bumps of the skin, (v,) metres outward: muscle, fat and spasms, not the same on both sides."""
+    """Return random bumps of the skin, (v,) metres outward, as muscle, fat and spasms cause them. The bumps differ
+    between the left and the right side.
+    """
     dressed = _dressed(asset)
     centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
     height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
@@ -266,8 +268,8 @@ def _smooth(vertices: np.ndarray, waves: np.ndarray, phase: np.ndarray) -> np.nd
 class _RestSkin(NamedTuple):
     """The skin at rest."""
 
-    vertices: np.ndarray  # (v, 3) float32
-    normals: np.ndarray  # (v, 3) float32
+    vertices: np.ndarray  # (v, 3) float32, positions of the vertices
+    normals: np.ndarray  # (v, 3) float32, outward normals at the vertices
     bones: np.ndarray  # (v, w) int32, bones that move each vertex
     weights: np.ndarray  # (v, w) float32, weights of these bones
 

@@ -34,7 +34,7 @@ class Figure:
     """A person, or a piece of moved furniture, to be drawn into an image."""
 
     skin_m: np.ndarray  # (v, 3) float32, world metres; of a person: the dressed skin
-    faces: np.ndarray  # (f, 3)
+    faces: np.ndarray  # (f, 3) indices of the vertices of each triangle
     # (f,) uint8, for each face, 1 + index of the bone that moves it; 0 for furniture and mirror images
     face_part: np.ndarray
     label: int

@@ -48,7 +48,7 @@ class CapturedActor:
 
     person: Person
     capture: Capture
-    pelvis_m: np.ndarray  # (n, 3)
+    pelvis_m: np.ndarray  # (n, 3) positions of the pelvis
     ball_m: np.ndarray  # (n, 2, 3) ball of each foot; y is the height above the floor
     foot_yaw: np.ndarray  # (n, 2) rad, direction of each foot, positive to the left
     heel: np.ndarray  # (n, 2) rad, rotation of each foot that raises its heel above its toes; negative = toes raised

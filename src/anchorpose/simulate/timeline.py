@@ -108,7 +108,7 @@ class FootTrack:
     """The path of both feet over time."""
 
     ball_m: np.ndarray  # (t, 2, 3) ball of each foot; y is its lift above the floor
-    yaw: np.ndarray  # (t, 2) rad
+    yaw: np.ndarray  # (t, 2) rad, directions of the feet
     heel: np.ndarray  # (t, 2) rad, rotation that raises the heel
 
 

@@ -142,7 +142,7 @@ class Bout(NamedTuple):
     and to the patient's right, low-passed, evenly spaced in time.
 
     path_m: length of the centre's horizontal path; noise_m: length of the path that errors of measurement alone would
-    cause; seconds: duration of the bout; frames: its rows in the session.
+    cause; seconds: duration of the bout; frames: rows of the bout in the session.
     """
 
     deviation_m: np.ndarray

@@ -31,9 +31,9 @@ NONE_SEEN: Final = "no such event was seen"
 
 
 class Watch(NamedTuple):
-    """The frames in which events of one kind are searched for. measure: prefix of the names of its measures. base (n,)
-    bool: frames in which events of this kind can happen. watched (n,) bool: frames of ``base`` in which an event would
-    have been detected. nothing: the reason, if ``base`` is empty, why the measures have no value.
+    """The frames in which events of one kind are searched for. measure: prefix of the names of the measures of these
+    events. base (n,) bool: frames in which events of this kind can happen. watched (n,) bool: frames of ``base`` in
+    which an event would have been detected. nothing: the reason, if ``base`` is empty, why the measures have no value.
     """
 
     measure: str

@@ -26,9 +26,9 @@ class Mover:
     """A piece of furniture that moves during the recording."""
 
     piece: Piece
-    times_s: np.ndarray  # (k,)
+    times_s: np.ndarray  # (k,) times for which the place is known
     places_m: np.ndarray  # (k, 2) x and z of the piece at ``times_s``
-    yaws: np.ndarray  # (k,) rad, positive to the left
+    yaws: np.ndarray  # (k,) rad, direction of the piece at ``times_s``, positive to the left
 
     def figure(self, time_s: float) -> Figure:
         """Return the piece of furniture at its place at a time, labelled as a part of the room."""

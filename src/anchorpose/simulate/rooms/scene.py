@@ -80,10 +80,10 @@ class _Draft:
 
     config: SimulationConfig
     room: RoomConfig
-    yaw: float  # yaw of the room frame in the world
+    yaw: float  # rad, direction of the room frame's X axis in the world, positive to the left
     outline: Outline
     back: BackWall
-    camera_m: np.ndarray  # (3,)
+    camera_m: np.ndarray  # (3,) position of the camera
     taken: list[Lane]  # areas of the floor in which nothing more may be placed
     half_view: float  # tangent of half of the horizontal field of view
     doorways: list[Lane]  # paths of walking people; a side wall has a doorway where a path crosses it
@@ -253,7 +253,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
 
 
 def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
-    """Return the finished draft in the world frame."""
+    """Return the room of the finished draft, in the world frame."""
     room, config = draft.room, draft.config
     walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
     still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]

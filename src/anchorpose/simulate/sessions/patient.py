@@ -54,7 +54,7 @@ class Happening:
     """An incident of the drawn movements, such as a buckle."""
 
     kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
-    start_s: float  # onset
+    start_s: float  # onset of the incident
     end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
     side: str | None  # left or right; None for a failed stand
 

@@ -28,7 +28,7 @@ class TrueEvent:
     """An incident with its true depth."""
 
     kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
-    start_s: float  # onset
+    start_s: float  # onset of the incident
     end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
     # in ``unit``. Buckle: bend in degrees. Clonus: amplitude in degrees. Failed stand: share of the way from seat to
     # straight legs. Recovery step: greatest distance (mm) of the extrapolated centre of mass beyond the soles before
