@@ -38,10 +38,10 @@ class Effect:
     difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
     value of the permutation test, adjusted for the number of conditions; exact: whether p was computed from all
     possible assignments of conditions to trials, not from a random sample of them. detectable: smallest difference that
-    counts as real. It is the limit that a difference caused by errors of measurement alone exceeds only 5 times in 100,
-    or the MDC95 (minimal detectable change) of repeated sessions, whichever is larger; None if both are unknown.
-    repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the
-    difference is not tested, if p is None.
+    counts as real, the larger of two limits; None if both are unknown. One limit is the difference that errors of
+    measurement alone exceed only 5 times in 100. The other limit is the MDC95 (minimal detectable change) of repeated
+    sessions. repeated: whether detectable is an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why
+    the difference is not tested, if p is None.
     """
 
     reference: str
@@ -132,8 +132,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return the way in which the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the
-    two conditions' trials in the order of time, and the block of each of these trials.
+    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``). Also return the indices of the
+    two conditions' trials, in the order of time, and the block of each of these trials.
 
     A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """

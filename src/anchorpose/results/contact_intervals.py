@@ -27,7 +27,7 @@ skin, so the touch has paused or ended (``release_s``).
 HIDDEN_M: Final = 0.08
 """Maximum distance in m at which a hidden contact continues: the distance between another person's skin and the
 patient's skin that this person last touched. The value is the length of a palm, since the cameras may see only the back
-or the wrist of the hand that holds on; a person who has let go is farther away.
+or the wrist of the hand that holds on. A person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
@@ -40,8 +40,9 @@ seen. The value is the share that is required for a joint to be observed.
 class ContactConfig:
     """Limits that define when skin counts as touched, when touched skin becomes a contact, and when a contact ends."""
 
-    # m, maximum distance between touched skin and the skin of another person: 3 cm, plus 2 cm for the fingers of a
-    # holding hand if the cameras see only its back, plus half the spacing of the skin points of other people.
+    # m, maximum distance between touched skin and the skin of another person. The value is the sum of 3 cm, of 2 cm for
+    # the fingers of a hand of which the cameras see only the back, and of half the spacing of the skin points of other
+    # people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few fingertips); a smaller area may be noise
     keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area that one skin point represents

@@ -133,8 +133,8 @@ def _subject(entry: Correction) -> tuple[int, str] | str | None:
 
 
 def _kind_of(value: Any) -> str:
-    """Return the class name of a correction in JSON form: it corrects a joint if it has the key ``joint``, else it
-    names the patient if it has a position, else it is an interval.
+    """Return the class name of a correction in JSON form. A correction with the key ``joint`` is a ``JointCorrection``;
+    another correction with a position names the patient; any other correction is an interval.
     """
     if not isinstance(value, dict):
         return "UnusableInterval"

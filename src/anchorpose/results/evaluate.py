@@ -64,9 +64,9 @@ SEEN_SHARE: Final = 0.25
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
     """The longest error of a limb or of a joint. For a limb, this is the longest unbroken time in which the limb was in
-    plain view while one of its joints was over ``WRONG_M`` from its true place; for a joint, the longest unbroken time
-    in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time at
-    which the error began. Both are None if no such error occurred.
+    plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the longest unbroken
+    time in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time
+    at which the error began. Both are None if no such error occurred.
     """
 
     joint: str | None = None
@@ -259,8 +259,8 @@ class Evaluation:
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
-    """Compare a results folder with a truth.npz; each frame of the truth is matched to the frame of the results nearest
-    in time, if the two are at most half of the truth's frame interval apart.
+    """Compare a results folder with a truth.npz. Each frame of the truth is matched to the frame of the results that is
+    nearest in time, if the two frames are at most half of the truth's frame interval apart.
 
     The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used, or results and
     truth have too few times in common.

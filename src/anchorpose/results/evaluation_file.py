@@ -153,8 +153,9 @@ def _percent(part: int, whole: int) -> str:
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
-    """Return sentences on how often the result is wrong without showing it: confident errors, reported joints of an
-    absent patient or limb, limbs wrong in plain view, and the share of coordinates within 1.96 sigma.
+    """Return sentences on how often the result is wrong without any sign of the error in the result. The sentences are
+    about confident errors, reported joints of an absent patient or limb, limbs wrong in plain view, and the share of
+    coordinates within 1.96 sigma.
     """
     sentences = []
     if evaluation.confident_errors is not None:

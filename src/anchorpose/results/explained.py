@@ -37,9 +37,9 @@ class ExplainedFrame:
     """The measures of how well the pose of one frame explains the frame's depth images (``Explanation``).
 
     uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
-    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past (the camera measures a
-    surface farther away there), in the order of ``PART_NAMES``; NaN where the patient is lost or too little of the part
-    is in view.
+    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past, in the order of
+    ``PART_NAMES``. A camera sees past skin if it measures a surface farther away at this place. The share is NaN where
+    the patient is lost or too little of the part is in view.
     """
 
     frame: int

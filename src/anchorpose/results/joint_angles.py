@@ -125,13 +125,13 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent: 0 =
-    the shank points straight back from the knee, perpendicular to the line through the hip joints; positive = inwards,
-    so that the foot moves outwards.
+    """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent. The
+    angle is 0 if the shank points straight back from the knee, perpendicular to the line through the hip joints. It is
+    positive if the thigh is rotated inwards, so that the foot moves outwards.
 
     The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
-    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since its plane is undetermined, or for
-    a leg that is bent backwards, since the normal of its plane is reversed.
+    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since the plane is then undetermined. A
+    leg that is bent backwards has no value, either, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -203,15 +203,15 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent: 0
-    = the forearm of the hanging arm points forward; positive = inwards, so that the hand moves towards the other side
-    of the body.
+    """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent.
+    The angle is 0 if the forearm of the hanging arm points forward. It is positive if the arm is rotated inwards, so
+    that the hand moves towards the other side of the body.
 
-    The angle is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to
-    the arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used,
-    since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within ``PLANE_KNOWN_RAD``
-    of straight or of folded has no reliable plane, and so no value. An arm that is raised high has no value, either,
-    since near overhead the shortest rotation is undetermined.
+    The angle is computed from the arm's rotation relative to the trunk. The shortest rotation from the hanging arm to
+    the arm's direction is removed from it; the remaining rotation is about the long axis. ISB's third angle is not
+    used, since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within
+    ``PLANE_KNOWN_RAD`` of straight or of folded has no reliable plane, and so no value. An arm that is raised high has
+    no value, either, since near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
@@ -235,8 +235,9 @@ _HINGES: Final = {
     hip_rotation: partial(hinge_sigma, limb=("Hip", "Knee", "Ankle"), aside_rad=VARUS_VALGUS_RAD),
     shoulder_rotation: partial(hinge_sigma, limb=("Shoulder", "Elbow", "Wrist"), aside_rad=CARRYING_RAD),
 }
-"""For each formula whose angle depends on the plane in which a limb is bent: the function for ``AngleGroup.own_sigma``,
-with the limb's joints and the standard deviation in rad of the angle of its sideways bow.
+"""For each formula whose angle depends on the plane in which a limb is bent: the function for ``AngleGroup.own_sigma``.
+The function includes the limb's joints, and the standard deviation in rad of the angle by which the limb is bowed
+sideways.
 """
 
 
@@ -322,8 +323,9 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Return 1 + 6 j variants of the group's j joints, each joint (3, 1 + 6 j, n): first all joints unchanged, then one
-    coordinate of one joint moved by its sigma, down and up.
+    """Return 1 + 6 j variants of the group's j joints, as an array (3, 1 + 6 j, n) for each joint. The first variant
+    has all joints unchanged. In each other variant, one coordinate of one joint is moved by the joint's sigma, down or
+    up.
 
     The formula is called once for all variants. For a single live frame (n = 1), separate calls for all variants would
     take longer than tracking.
@@ -350,8 +352,9 @@ ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.name
 def joint_angles(joints: JointTable) -> AngleTable:
     """Return the angles ``ANGLE_NAMES`` of all frames. The state of an angle is the worst state of the joints involved.
 
-    An angle has no value where one of its joints is lost (its state is then ``lost``, too), or where the pose leaves it
-    undetermined (its state is then that of the joints). docs/angles.md states for each angle when it is undetermined.
+    An angle has no value where one of its joints is lost; its state is then ``lost``, too. An angle also has no value
+    where the pose leaves it undetermined; its state is then the state of the joints. docs/angles.md states for each
+    angle when it is undetermined.
     """
     shape = (len(joints.frame), len(ANGLE_NAMES))
     degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)

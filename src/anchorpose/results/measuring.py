@@ -91,8 +91,9 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Return the measures of assistance: first the time and number of contacts with people (in total, per person, per
-    part of the patient's body, and per pair of person and part), then the measures while upright.
+    """Return the measures of assistance: first the time and number of contacts with people, then the measures while the
+    patient is upright. Time and number are given in total, per person, per part of the patient's body, and per pair of
+    person and part.
 
     Frames in which the patient was not found do not count, since contacts are unknown in them.
     """
@@ -124,8 +125,9 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the measures of the time in which the patient is upright: the share of this time in which people's hands
-    are on the patient, time and share in which no hand is, and the mean and largest number of simultaneous contacts.
+    """Return measures of assistance while the patient is upright: the share of the upright time in which people's hands
+    are on the patient; the time and share in which no hand is on the patient; and the mean and largest number of
+    simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())

@@ -77,8 +77,9 @@ class Blocks:
 
     @property
     def scaled(self) -> bool:
-        """Return whether differences are divided by their standard errors: some block has more trials of one condition
-        than of the other, and every block has at least two trials of each condition, so that standard errors are known.
+        """Return whether differences are divided by their standard errors. They are if some block has more trials of
+        one condition than of the other, and every block has at least two trials of each condition, so that standard
+        errors are known.
         """
         sizes = np.array([len(cell) for cell in self.cells]).reshape(-1, 2)
         return bool((sizes[:, 0] != sizes[:, 1]).any() and (sizes > 1).all())
@@ -206,15 +207,15 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def trials_needed(comparisons: int = 1) -> int:
     """Return the minimum number of trials of each condition, all in one block, with which p can fall below 0.05 divided
-    by the number of comparisons; with n trials each, the smallest p is 2 / (2n choose n).
+    by the number of comparisons. With n trials of each condition, the smallest p is 2 / (2n choose n).
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
     """Return the minimum number of blocks with which p can fall below the limit in ``trials_needed``, if every block
-    has as many trials of each condition as the first of the given blocks; n pairs have 2^n assignments, so their
-    smallest p is 2 / 2^n.
+    has as many trials of each condition as the first of the given blocks. For example, n pairs have 2^n assignments, so
+    their smallest p is 2 / 2^n.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

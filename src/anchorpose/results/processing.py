@@ -160,9 +160,9 @@ def filter_stretch(
     """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint. The joint is known in all n
     frames, which are at least ``shortest_frames``.
 
-    A frame's sigma becomes the root mean square of the sigmas within half a period of the cutoff frequency if this is
-    larger, since the filter spreads the error of a poorly known position to neighbouring frames. Sigma is never
-    reduced, since filtering does not remove systematic errors.
+    The filter spreads the error of a poorly known position to neighbouring frames. So a frame's sigma becomes the root
+    mean square of the sigmas within half a period of the cutoff frequency, if this is larger than the frame's own
+    sigma. Sigma is never reduced, since filtering does not remove systematic errors.
     """
     rate_hz = 1.0 / usual_step_s(time_s)
     reach = max(1, round(0.5 * rate_hz / cutoff_hz))

@@ -86,8 +86,9 @@ def _require_noise(noise: DepthNoise) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """The properties of a camera's depth, measured in the recording itself: its noise; the step between neighbouring
-    values of depth, which is ``step_per_m z^2`` at a distance z in metres; and the width of depth edges in pixels.
+    """The properties of a camera's depth, measured in the recording itself: noise, steps between values, and width of
+    edges. At a distance z in metres, the step between neighbouring values of depth is ``step_per_m z^2``. edge_px:
+    width of depth edges in pixels.
     """
 
     noise: Annotated[DepthNoise, AfterValidator(_require_noise)]

@@ -105,7 +105,7 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block; raises
+    """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block. Raises
     InputError if ``work`` was not made by this program, or is in use by another run.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):

@@ -141,9 +141,9 @@ def draw_patient(
 ) -> Actor:
     """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none.
 
-    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right; None if the patient
-    is never away, or in a cluttered room, which adds the patient's walk later. Raises AnchorposeError if the recording
-    is too short for the walks.
+    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right. It is None if the
+    patient is never away, and in a cluttered room, where the patient's walk is added later. Raises AnchorposeError if
+    the recording is too short for the walks.
     """
     base = resting_channels(person, frame is not None)
     if frame is None:

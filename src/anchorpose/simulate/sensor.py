@@ -21,9 +21,9 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # Factor on the axial noise that was measured on white targets. Clothes, skin and floors return a quarter of the
-    # light that a white target returns, and a time-of-flight camera's noise is proportional to the inverse square root
-    # of the returned light, so the factor is 2.
+    # Factor on the axial noise that was measured on white targets. The noise of a time-of-flight camera is proportional
+    # to the inverse square root of the returned light. Clothes, skin and floors return a quarter of the light that a
+    # white target returns, so the factor is 2.
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity

@@ -190,7 +190,8 @@ def draw_passer_by(
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
     """Return the index of the path whose angle is nearest to ``slant``, among the paths that keep ``CLEAR_M`` away from
-    the other cameras (k, 2) and the patient; if no path does, the index of the path that stays farthest away.
+    the other cameras (k, 2) and the patient. If no path keeps this distance, return the index of the path that stays
+    farthest away.
 
     courses (n, 2): unit directions (x, z) of the paths through ``crossing_m``, with the angles ``SLANTS_RAD``.
     """

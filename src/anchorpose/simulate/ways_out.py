@@ -17,8 +17,8 @@ AZIMUTHS_RAD: Final = np.radians(np.arange(5.0, 180.0, 5.0))  # rad, tried direc
 
 
 def ways_out(cameras: Sequence[Camera], room: np.ndarray) -> np.ndarray:
-    """Return (2, 2) x and z, metres: to the left and to the right of the place of training, the nearest place at which
-    no camera sees any part of a person, because the place is outside the images or beyond a wall.
+    """Return (2, 2) x and z, metres, of two places: to the left and to the right of the place of training, the nearest
+    place at which no camera sees any part of a person. Such a place is outside the images or beyond a wall.
 
     room (n, 3, 3): triangles of a rectangular room, metres, world; the place of training is the origin.
     """

@@ -1,7 +1,7 @@
 """Estimate the whole body's centre of mass from the joints and a table of segment masses, and measure its sway.
 
 The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which describes living young adults, women
-and men. The patient's sex is unknown, so the mean of the columns for women and men is used; between the two columns,
+and men. The patient's sex is unknown, so the mean of the columns for women and men is used. Between the two columns,
 the height of a standing body's centre of mass differs by 4 mm.
 """
 

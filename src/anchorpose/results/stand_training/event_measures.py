@@ -1,5 +1,5 @@
-"""Compute measures of events: their number, number in ten minutes, time of the first event, depth of the deepest event,
-and the share of time in which an event would not have been seen.
+"""Compute measures of events: number of events, number in ten minutes, time of the first event, and depth of the
+deepest event; and the share of time in which an event would not have been seen.
 """
 
 from __future__ import annotations

@@ -128,7 +128,8 @@ class FeetLoad(NamedTuple):
     state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
-    mass lies to the side of both ankles: a patient who stands still in this way would fall without support.
+    mass lies to the side of both ankles. A patient who stands still with the centre of mass there would fall without
+    support.
     """
 
     rightwards: np.ndarray

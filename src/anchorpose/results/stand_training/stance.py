@@ -34,8 +34,8 @@ class Stance:
     """How the patient stands or sits in every frame; NaN where a joint is lost. Each value except ``behind_m`` has a
     standard deviation.
 
-    thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip;
-    the nearer thigh counts, since a patient who raises one leg stands on the other leg. trunk_deg (n,): angle of the
+    thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip.
+    The nearer thigh counts, since a patient who raises one leg stands on the other leg. trunk_deg (n,): angle of the
     line from SpineBase to SpineShoulder against the vertical, in any direction. height (n,): height of the midpoint of
     the hips above the lower ankle, in leg lengths: 1 = standing straight. behind_m (n,): distance of the centre of mass
     behind the midpoint of the ankles.
@@ -187,9 +187,9 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the state in each frame, int8 (n,). The state stays the same until a frame changes it: to 1 if the frame
-    ``begins`` the state, to 0 if the frame ``ends`` the state, to -1 (unknown) if the frame is not ``known``. Before
-    the first change, the state is -1.
+    """Return the state in each frame, int8 (n,). The state stays the same until a frame changes it. A frame that is not
+    ``known`` changes the state to -1 (unknown); otherwise a frame that ``begins`` the state changes it to 1, and a
+    frame that ``ends`` the state changes it to 0. Before the first change, the state is -1.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known

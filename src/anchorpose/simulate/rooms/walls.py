@@ -16,7 +16,7 @@ DOOR_HEIGHT_M: Final = 2.05  # m, height of all doorways
 DOOR_WIDTH_M: Final = 0.95  # m, width of all doorways
 CORRIDOR_M: Final = 1.3  # m, width of the corridors beside the room, from which people walk in
 TRIES: Final = 200  # maximum number of places that are tried for a panel
-BEHIND_MIRROR_M: Final = 0.004  # m, distance of the mirror from the wall, so that rays meet the mirror first
+BEHIND_MIRROR_M: Final = 0.004  # m from wall to mirror: the glass's thickness, so that rays meet the mirror first
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,8 +104,9 @@ def _holding(trial: PlannedTrial) -> Movement:
 
 
 def _hands(trial: PlannedTrial) -> list[Movement]:
-    """Return movements that take the hands off the rails: for the whole trial if the trial is planned without hands; in
-    a trial with a failed stand, from before sitting down until standing; or around a recovery step.
+    """Return movements that take the hands off the rails. In a trial that is planned without hands, the hands are off
+    for the whole trial; in a trial with a failed stand, from before sitting down until standing; and in a trial with a
+    recovery step, around this step.
     """
     if trial.hands_off:
         return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
