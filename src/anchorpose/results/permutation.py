@@ -77,9 +77,9 @@ class Blocks:
 
     @property
     def scaled(self) -> bool:
-        """Return whether differences are divided by their standard errors. They are if some block has more trials of
-        one condition than of the other, and every block has at least two trials of each condition, so that standard
-        errors are known.
+        """Return whether differences are divided by their standard errors. They are divided if some block has more
+        trials of one condition than of the other, and every block has at least two trials of each condition, so that
+        standard errors are known.
         """
         sizes = np.array([len(cell) for cell in self.cells]).reshape(-1, 2)
         return bool((sizes[:, 0] != sizes[:, 1]).any() and (sizes > 1).all())
