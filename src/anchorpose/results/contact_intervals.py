@@ -20,8 +20,8 @@ from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
 """Share of the patient's skin points that a person touched last. In a frame without a touch, the contact may continue
-hidden behind this person only if cameras see less than this share of these points. If they see more, nothing hides the
-skin, so the touch has paused or ended (``release_s``).
+hidden behind this person only if cameras see less than this share of these points. If cameras see more of the skin,
+nothing hides it, so the touch has paused or ended (``release_s``).
 """
 
 HIDDEN_M: Final = 0.08

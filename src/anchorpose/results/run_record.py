@@ -222,7 +222,7 @@ class PictureRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """All information on a run that its tables do not contain, in the order of run.json."""
+    """All information on a run that is not in the tables of its results. The fields are in the order of run.json."""
 
     format: Literal["anchorpose-run"] = "anchorpose-run"
     version: Version = 1

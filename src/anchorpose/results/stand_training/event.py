@@ -135,7 +135,8 @@ NO_ONSET: Final = "no frame shows the onset"
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
+    """Return the standard deviation (sigma) of a latency: the time from the start of a recording or trial until an
+    event or an extension begins. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
     the latency's beginning, which may lie up to one frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))
