@@ -39,9 +39,10 @@ class Effect:
     value of the permutation test, adjusted for the number of conditions; exact: whether p was computed from all
     possible assignments of conditions to trials, not from a random sample of them. detectable: smallest difference that
     counts as real: the larger of two limits, plus the difference that trials of different length alone can cause; None
-    if nothing of this is known. One limit is the difference that errors of measurement alone exceed only 5 times in
-    100. The other limit is the MDC95 (minimal detectable change) of repeated sessions. repeated: whether detectable is
-    an MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference is not tested, if p is None.
+    if neither a limit nor this difference is known. One limit is the difference that errors of measurement alone exceed
+    only 5 times in 100. The other limit is the MDC95 (minimal detectable change) of repeated sessions. repeated:
+    whether the larger limit is the MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference
+    is not tested, if p is None.
     """
 
     reference: str

@@ -19,9 +19,9 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""Share of the patient's skin points that a person touched last. In a frame without a touch, the contact may continue
-hidden behind this person only if cameras see less than this share of these points. If cameras see more of the skin,
-nothing hides it, so the touch has paused or ended (``release_s``).
+"""Limit of the seen share of the patient's skin points that a person touched last. In a frame without a touch, the
+contact may continue hidden behind this person only if cameras see less than this share of these points. Otherwise the
+person does not hide the skin, so the touch has paused or ended (``release_s``).
 """
 
 HIDDEN_M: Final = 0.08
@@ -51,7 +51,7 @@ class ContactConfig:
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
-    # minimum probability, by gap and sigma, of a touch that continues a contact
+    # minimum probability of a touch, computed from the gap and its sigma, for a contact to continue
     equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2
     equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
 

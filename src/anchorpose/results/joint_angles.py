@@ -131,7 +131,7 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
 
     The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
     value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since the plane is then undetermined. A
-    leg that is bent backwards has no value, either, since the normal of its plane is reversed.
+    leg that is bent backwards has no value either, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -211,7 +211,7 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     the arm's direction is removed from it; the remaining rotation is about the long axis. ISB's third angle is not
     used, since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within
     ``PLANE_KNOWN_RAD`` of straight or of folded has no reliable plane, and so no value. An arm that is raised high has
-    no value, either, since near overhead the shortest rotation is undetermined.
+    no value either, since near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)

@@ -51,7 +51,7 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    # state of frame k and its covariance, by frames 0 to k
+    # state of frame k and its covariance, estimated from frames 0 to k
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     # state and covariance predicted for frame k from frame k - 1
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
@@ -158,7 +158,7 @@ def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint. The joint is known in all n
-    frames, which are at least ``shortest_frames``.
+    frames; n is at least ``shortest_frames``.
 
     The filter spreads the error of a poorly known position to neighbouring frames. So a frame's sigma becomes the root
     mean square of the sigmas within half a period of the cutoff frequency, if this is larger than the frame's own

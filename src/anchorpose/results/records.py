@@ -204,12 +204,13 @@ class Measure:
     """The value of one measure of docs/measures.md.
 
     side: "left", "right" or None. part: a region of the body (``REGIONS``); person: the name of a person in
-    contacts.parquet. part and person are None if the measure is not about a single part or person. value: None if
-    unknown; ``why`` then states the reason. sigma: one standard deviation of the value, None if unknown, as for counts.
-    frames: number of frames on which the value is based. inferred_share: share of these frames in which a joint that
-    the measure uses was inferred rather than seen. condition, trial: condition and trial of events.tsv (numbered from
-    1) to which the value belongs. condition and trial are None for the whole recording; only trial is None for a whole
-    condition. Raises ValueError unless exactly one of value and why is given, and for a trial without a condition.
+    contacts.parquet, or the initials of a rater. part and person are None if the measure is not about a single part or
+    person. value: None if unknown; ``why`` then states the reason. sigma: one standard deviation of the value, None if
+    unknown, as for counts. frames: number of frames on which the value is based. inferred_share: share of these frames
+    in which a joint that the measure uses was inferred rather than seen. condition, trial: condition and trial of
+    events.tsv (numbered from 1) to which the value belongs. condition and trial are None for the whole recording; only
+    trial is None for a whole condition. Raises ValueError unless exactly one of value and why is given, and for a trial
+    without a condition.
     """
 
     measure: str

@@ -61,9 +61,9 @@ class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
     height_sigma_m is computed from the equations by which the body is fitted. This sigma includes the effects of noise,
-    poses and hidden parts. If the patient's height was not stated, this sigma also includes that bodies of other
-    heights would fit the images. A bone's sigma also includes a systematic error for clothes and for bodies outside the
-    shape space.
+    poses and hidden parts. If the patient's height was not stated, this sigma also allows for bodies of other
+    heights, which would fit the images, too. A bone's sigma also includes a systematic error for clothes and for bodies
+    outside the shape space.
     """
 
     learnt_from_s: float

@@ -57,7 +57,7 @@ class Clinic:
 
     config: SimulationConfig
     cameras: tuple[Camera, ...]
-    room: np.ndarray  # (n, 3, 3) triangles of the room, without equipment and people
+    room: np.ndarray  # (n, 3, 3) triangles of floor and walls; in a cluttered room, of everything that never moves
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # the therapists, followed by the people who pass by

@@ -62,7 +62,8 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
     on the floor.
     """
     floor = np.percentile(height_m, 10.0, axis=0)
-    # a foot that is always in the air does not show the floor's height, so the floor's height at the other foot is used
+    # a foot that is always in the air does not show the floor's height, so its floor is assumed to be at most
+    # ``WAVER_M`` above the floor at the other foot
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)

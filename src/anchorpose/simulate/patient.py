@@ -142,7 +142,7 @@ def draw_patient(
     """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none.
 
     ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right. It is None if the
-    patient is never away, and in a cluttered room, where the patient's walk is added later. Raises AnchorposeError if
+    patient is never away, and in a cluttered room, where the patient's walk is set later. Raises AnchorposeError if
     the recording is too short for the walks.
     """
     base = resting_channels(person, frame is not None)

@@ -156,8 +156,8 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     camera that sees nothing. In addition to the keys of the file format, the file has these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
-    - seen_share (t, 21, cameras): seen share of the camera-facing skin around each joint (``seen_shares``) - touched
-    (t, 31): bones with another person's skin within 3 cm, named by part_names
+    - seen_share (t, 21, cameras): seen share of the camera-facing skin around each joint (``seen_shares``)
+    - touched (t, 31): bones with another person's skin within 3 cm, named by part_names
     - touched_joints (t, n, 21): joints that each other person touches
     - on_equipment (t, parts, 31): bones with skin within 1 cm of each part of the equipment, named by equipment_names
     - held_joints (t, n, 2): the joint that each hand of each therapist holds, -1 = none

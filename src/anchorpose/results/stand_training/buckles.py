@@ -66,8 +66,8 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
     """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could begin and be found. In
-    such a frame, the buckle could be distinguished from errors of measurement, and the angles are known in all frames
-    of the next ``fast_s``. Dropped frames are allowed, one at a time.
+    such a frame, the patient is upright, the buckle could be distinguished from errors of measurement, and the angles
+    of both knees are known in all frames of the next ``fast_s``. Dropped frames are allowed, one at a time.
     """
     own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)

@@ -258,8 +258,8 @@ def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> fl
     alone.
 
     residual_m (k, 2): the movement above the cutoff frequency, all of which is taken as error, since no standing body
-    moves so fast. Below the cutoff frequency, the errors are assumed to be a random walk with power ~ 1 / f^2. So the
-    assumed power of the errors is larger than the measured power (docs/measures.md).
+    moves so fast. Below the cutoff frequency, the errors are assumed to be a random walk with power ~ 1 / f^2. This
+    assumption gives the errors more power than was measured (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

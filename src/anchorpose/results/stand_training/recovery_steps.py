@@ -59,9 +59,10 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a recovery step could begin and be found. In such a frame, an extrapolated
-    centre of mass ``beyond_m`` outside the feet could be distinguished from errors of measurement, and the joints used
-    are known in all frames of the next ``WITHIN_S``. Dropped frames are allowed, one at a time.
+    """Return (n,) bool: frames in which a recovery step could begin and be found. In such a frame, the patient is
+    upright, an extrapolated centre of mass ``beyond_m`` outside the feet could be distinguished from errors of
+    measurement, and the joints used are known in all frames of the next ``WITHIN_S``. Dropped frames are allowed, one
+    at a time.
     """
     clear = session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m)
     return np.asarray(clear & followed(np.isfinite(_sigma_m(session)), session.joints.time_s, WITHIN_S))

@@ -218,7 +218,8 @@ class Session:
     States with hysteresis are decided in the whole recording, since a state in a trial may have begun before the trial.
     shifted_upright (n, 2) int8: results of the function ``upright`` if every value is moved by one sigma away from
     standing (first column), and towards it (second column); extended (n, 5, 3) bool: whether each knee, each hip and
-    the trunk is extended (``independence.extended_states``). onset_s: the time at which the recording or the trial
+    the trunk is extended (``independence.extended_states``); last axis: if all angles are larger by their systematic
+    sigma, as measured, and smaller by this sigma. onset_s: the time at which the recording or the trial
     begins; a trial may begin before its first frame.
     """
 
