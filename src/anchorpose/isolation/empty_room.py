@@ -1,8 +1,9 @@
 """Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
 in the recording.
 
-Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. Behind
-these people, only floor and walls are filled in.
+Still surfaces are the room or people who never leave their place. The learnt descriptor (a network that finds people in
+depth images) recognises these people. Behind them, only the planes of floor, walls and ceiling are filled in, and the
+model of the equipment.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
 BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
-# minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth
+# minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth of its
+# value
 READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
 # if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ. At
@@ -60,16 +62,16 @@ SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, 
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-# m; a surface at most this far outside the equipment's outline on the ground may be the patient: arms over the rails,
-# or the back
+# m; a surface at most this far outside the equipment's outline on the ground may be the patient, whose arms or back may
+# extend over the rails
 LEAN_M: Final = 0.25
 HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
 # m above the floor; lower surfaces count as floor. The floor's plane may have an error of this height; a foot is three
 # times as high.
 SOLE_M: Final = 0.015
 # maximum share of the image's blocks in which readings of the room differ from the image of the empty room by more than
-# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a pitch
-# of 0.25 degrees, the floor differs: 0.35 of the image
+# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a camera
+# has tilted up or down by 0.25 degrees, the readings of the floor differ, in 0.35 of the blocks
 OUTDATED_SHARE: Final = 0.1
 
 
@@ -83,8 +85,8 @@ def learn_background(
     """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    needs a pose. Without an empty frame, the background of a pixel is the farthest surface that it shows in enough
-    frames; readings on people are left out; the learnt descriptor finds these people. floor_height_m: None if no floor
+    needs a pose. Without an empty frame, the background of a pixel is the farthest surface that the pixel shows in
+    enough frames. Readings of people, whom the learnt descriptor finds, are left out. floor_height_m: None if no floor
     is seen. The equipment is used only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
@@ -109,10 +111,10 @@ def learn_background(
 def is_outdated(empty_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> bool:
     """Return whether the camera, or much of the room, has moved since the image of the empty room was taken.
 
-    empty_m, frames_m: as for ``learn_background``. If so, readings of the room differ from the image by more than noise
-    in many image blocks. In each block, the signed difference is computed as a median, in which noise averages out.
-    Readings farther than ``NEARER_M`` from the image show people or furniture and are left out. Return False if the
-    noise cannot be measured, for example from a single frame.
+    empty_m, frames_m: as for ``learn_background``. After such a move, readings of the room differ from the image by
+    more than noise in many image blocks. The difference of a block is the median of the signed differences of its
+    pixels, in which noise averages out. Readings farther than ``NEARER_M`` from the image show people or furniture and
+    are left out. Return False if the noise cannot be measured, for example from a single frame.
     """
     try:
         noise = noise_per_m(frames_m)
@@ -132,8 +134,9 @@ def has_moved(model: BackgroundModel, frames_m: Sequence[np.ndarray]) -> bool:
 
     frames_m: spread over the recording, in order. The test is that of ``is_outdated``, but compares the first third of
     the frames with the last third, and also uses readings far behind the room, where no person can be. Return False if
-    the noise was not measured. Not found: a move that is undone, a move near the beginning or end, and a move by which
-    the room's surfaces only come nearer by more than ``NEARER_M``, as people do.
+    the noise was not measured. Three moves are not found: a move that is undone, a move near the beginning or end, and
+    a move by which the room's surfaces only come nearer by more than ``NEARER_M``, since such readings are taken for
+    people.
     """
     third = len(frames_m) // 3
     if third == 0 or not model.sensor.noise.measured:

@@ -50,7 +50,8 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
     """Return whether a depth image (height, width) float32 shows another place than the camera's room.
 
-    Return False if too little of the room is known, for example if a recorder has removed the room.
+    Return False if the camera's ``usual_share`` is too small for this test, for example because a recorder has removed
+    the room.
     """
     if model.usual_share < LEAST_USUAL:
         return False

@@ -17,7 +17,8 @@ MIXED: Final = 255  # label of a cell with skin of several people
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; a place farther than this from all skin points gets its owner by region growing
+# sigmas; a place farther than this from all skin points gets no owner by likelihood, only later by region growing
+GATE: Final = 3.0
 # minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
 # 2 log(sigma), which ``decide_ownership`` compares
 LEAST_LEAD: Final = 2.0
@@ -104,8 +105,9 @@ def decide_ownership(
 
     If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
     chosen, but only where ``compared`` (m,) bool is True. The most likely owner is the person with the least (d /
-    sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin. The person must lead all other
-    people by ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
+    sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin. This value must be less than
+    the value of every other person by at least ``least_lead``, otherwise the place has no clear owner. Skin farther
+    away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -32,8 +32,8 @@ def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> lis
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
     continues another person's surface without a crease between them: for example, half a therapist's head where the
-    patient's hand was expected. The patient's forearm beyond a bar continues no other person's
-    surface, so it stays.
+    patient's hand was expected. The patient's forearm beyond a bar continues no other person's surface, so it keeps the
+    patient's label.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -68,12 +68,13 @@ LAST_LABEL: Final = 254  # the largest person label
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Label parts of the patient that have another person's label as the patient again; return the label of each node.
+    """Give parts of the patient that have another person's label the patient's label again; return the owners (n,) of
+    each camera's foreground pixels.
 
-    In two cases, a label stands for another person: if a body model is fitted to this person (``expected`` then has
-    this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a person.
-    Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are
-    connected to the patient.
+    A label is believed to stand for another person in two cases: if a body model is fitted to this person (``expected``
+    then has this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a
+    person. Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they
+    are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}

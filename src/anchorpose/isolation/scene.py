@@ -28,7 +28,8 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
-SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
+# m2, minimum area of a piece of people, that of a fingertip; smaller pieces are left out
+SMALLEST_PIECE_M2: Final = 0.0005
 # m above the lowest pixel of people, maximum height at which readings of feet may be missing: the height of an ankle,
 # plus the part of a foot that a recorder removes with the floor
 FEET_M: Final = 0.3
@@ -137,7 +138,8 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
     """Remove room and equipment from one frame, and cut the other pixels into pieces where the depth jumps. Readings on
-    false ramps, and boards, are removed too.
+    false ramps (drawn between two surfaces by the camera's filters) and boards (flat rectangular pieces) are removed,
+    too.
 
     time_s: time of the frame on the reference clock; None: objects at rest do not count as room.
     """
@@ -163,7 +165,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
 def _first_labels(
     depth_m: np.ndarray, time_s: float | None, people: np.ndarray, scene: Scene, equipment: np.ndarray | None
 ) -> np.ndarray:
-    """Return ``PixelLabel`` (height, width) uint8 before people are separated."""
+    """Return each pixel's ``PixelLabel`` (height, width) uint8 as it is before people are separated."""
     model = scene.background
     labels = _nearness(depth_m, *room_at(depth_m, model, time_s), JUMP_GATE)
     if equipment is not None:
