@@ -6,7 +6,8 @@ the parts decides (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
 Such hidden skin is inferred, not measured. With hidden skin, geodesics run as on the complete body. Hidden skin also
-shows whether a limb continues behind an object. Registration, track tree and images of the patient use only seen nodes.
+shows whether a limb continues behind an object. Registration (which fits the body), track tree (which matches nodes
+from frame to frame) and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -59,17 +60,20 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
 REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# factor on a node's distance from a skin point along the point's normal; sideways, nodes may lie between skin points
+# factor on the part of a node's distance from a skin point that lies along the point's normal. The part along the skin
+# has less weight, since nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points are candidates if their distances from a node differ by less
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; candidates nearer to each other need not be distinguished
+# m; two skin points are both candidates for a node if their distances from the node differ by less than this
+AMBIGUOUS_M: Any = np.float32(0.04)
+# m along the body, minimum distance between two candidates; skin points nearer to each other need not be distinguished
+FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
 # cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
 # exceeds 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
 # minimum width that a pixel covers at a node, divided by the width at the skin nearest to the camera. It is below 1,
-# since a node may be nearer than all skin
+# since a node may be nearer to the camera than all expected skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
@@ -78,8 +82,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: ambiguous skin points, which are near other skin in space but far from it along the body. A
     node near such a point may show the point or the other skin.
 
-    Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some such points
-    are not found.
+    Near means within twice ``AMBIGUOUS_M``. If the predicted skin is off by more than ``AMBIGUOUS_M``, some ambiguous
+    points are not found.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -236,7 +240,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # without ``if``, since the processor would mispredict one branch in ten
+        for b in range(a + 1, end):  # the loop has no ``if``, since the processor would mispredict one branch in ten
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -248,8 +252,10 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is at this place
-# factor on the length of paths from skin point to skin point, since these are 2 % longer than straight paths
+# m; if a camera's reading lies more than this behind an expected skin point, no skin is at this place
+SEEN_THROUGH_M: Any = np.float32(0.05)
+# factor on the length of a path from skin point to skin point, since such a path is 2 % longer than the direct path
+# along the skin
 STRETCH: Any = np.float32(0.98)
 
 

@@ -24,8 +24,8 @@ MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which reading
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# maximum width of the gap between two pieces at a link, divided by the gap's least width. If the gap is wider at some
-# place, one piece merely stands in front of the other there
+# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap is wider, one
+# piece merely stands in front of the other piece, and no link is made
 SPREAD: Final = 1.5
 
 
@@ -60,7 +60,9 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells; 2 ``margin`` may lack a reading."""
+    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells of the grid. Of these cells, at most 2
+    ``margin`` may be neither a node nor hidden by equipment.
+    """
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0

@@ -26,8 +26,8 @@ def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convert undirected pairs (m, 2) of ``count`` nodes, with lengths (m,), to the compressed rows link_start,
-    link_node and link_length_m of ``Surface``.
+    """Convert undirected pairs (m, 2) of ``count`` nodes, with lengths (m,), to the compressed rows (CSR format)
+    link_start, link_node and link_length_m of ``Surface``.
 
     Each link appears in the rows of both its nodes. A node's links are in the order of the pairs. For repeated pairs,
     the shortest length counts.
@@ -80,7 +80,9 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # merge repeated pairs; place: position of each node in this row, if the node occurs already
+    # merge repeated pairs; place: position at which each node occurs in the present row, less than start[n] if it does
+    # not
+    for n in range(count):
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:

@@ -24,10 +24,11 @@ def estimate_normals(
     determine a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
-    pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
-    which is linear in the rays on a plane. So the fit is exact for planes at any slant. All pixels have the same
-    variance in this fit if noise grows as z**2.
+    pixel (n, 2) int16: row and column of pixels with a reading; the function is fastest if they are sorted by row, then
+    by column. slope, spread: the jump limit per pixel, from ``jump_coefficients``. Raises ValueError for a pixel
+    without a reading. The plane is fitted to the inverse depth, which on a plane is a linear function of the ray's two
+    coordinates. So the fit is exact for planes at any slant. If the noise of the depth grows as z**2, the inverse depth
+    has the same variance at all pixels.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -105,8 +106,8 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours, a and b, of each pixel to the sums. Values are relative to the pixel's own ray and inverse
-    depth, so that float32 is precise enough.
+    """Add two neighbours, a and b, of each pixel to the sums. The pixel's own ray and inverse depth are subtracted from
+    the rays and inverse depths of its neighbours, so that float32 is precise enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
     right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.

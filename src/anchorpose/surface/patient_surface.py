@@ -26,8 +26,8 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. An arm
-# that lies on the trunk has its skin farther from the skin of the trunk
+# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. The skin
+# of an arm that lies on the trunk is farther than this from the skin of the trunk
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
 MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
@@ -227,8 +227,8 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return the number of readings per square metre of skin at p and q for a camera at ``eye`` (3,), up to a constant
-    factor.
+    """Return, up to a constant factor, how many readings per square metre of the skin at nodes p and q a camera at
+    ``eye`` (3,) has.
     """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)

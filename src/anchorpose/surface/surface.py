@@ -69,7 +69,7 @@ class Nodes:
         return len(self.points_m)
 
     def take(self, chosen: np.ndarray) -> Nodes:
-        """Return the chosen nodes, by number (k,) or mask (n,), without edges."""
+        """Return the chosen nodes, without edges. chosen: numbers (k,) of nodes, or a mask (n,) bool."""
         return Nodes(self.points_m[chosen], self.normals[chosen], self.camera[chosen], self.pixel[chosen])
 
 
