@@ -17,7 +17,9 @@ def without_password(text: str) -> str:
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written in UTF-8; file names and arguments may hold bytes that are not text."""
+    """Return whether a text can be written in UTF-8. Names of files and arguments of commands may contain bytes that
+    are not valid text.
+    """
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -29,7 +31,8 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # so that an error of a worker process can be pickled, although ``args`` are not the arguments of ``__init__``
+        # this allows an error of a worker process to be pickled, although ``args`` are not the arguments of
+        # ``__init__``
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
