@@ -45,19 +45,22 @@ class RestingLayer:
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 at pixels without the object
     sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the readings on the object
-    from_s: float  # s on the reference clock, time at which the object comes to rest
+    from_s: float  # s on the reference clock (the first camera's clock), time at which the object comes to rest
     until_s: float  # s on the reference clock, time at which the object is moved away
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackgroundModel:
-    """One camera's empty room."""
+    """One camera's empty room (the background): its depth, the noise of its readings, and movable objects that rest in
+    it.
+    """
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 where unknown
     sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the empty room's readings about ``depth_m``
     sensor: Sensor
     source: BackgroundSource
-    layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
+    # movable objects that rest in the room, each with the time during which it rests
+    layers: tuple[RestingLayer, ...] = ()
     # share of pixels that show the room, among the pixels at which the room's depth is known: the median over frames; 0
     # = unknown
     usual_share: float = 0.0
@@ -69,8 +72,8 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     (height, width) float32 metres each.
 
     depth_m: the frame's readings. If an object rests at a pixel at this time, the object (its layer) is the background
-    of this pixel. If no object rests there, or if the reading lies behind the object, the background is the room. If
-    time_s is None, layers are ignored.
+    of this pixel. If no object rests there, or if the reading lies behind the object, the background is the room.
+    time_s: time of the frame on the reference clock; if it is None, resting objects are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -100,8 +103,8 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return how many sigmas each reading lies in front of the room: 1e3 if the room is unknown, -1e3 without a
-    reading.
+    """Return, for each pixel, how many sigmas the reading lies in front of the room: 1e3 if the room is unknown, -1e3
+    without a reading.
     """
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
@@ -122,7 +125,8 @@ class ExpectedEquipment:
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
     # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
     measured: np.ndarray
-    low_m: np.ndarray  # (height, width) float32 m; a reading from low_m to high_m is equipment; inf without equipment
+    # (height, width) float32 m; a reading from low_m to high_m shows the equipment; inf at pixels without equipment
+    low_m: np.ndarray
     high_m: np.ndarray  # (height, width) float32 m; 0 without equipment
 
 

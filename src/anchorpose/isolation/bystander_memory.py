@@ -27,7 +27,7 @@ MEMORY_S: Final = 3.0
 # m, standard deviation of skin about a remembered point, due to noise and to half the spacing of the points
 SIGMA_M: Final = 0.012
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
-# Walking people move faster; region growing finds their skin.
+# Walking people move faster; their pixels are found by region growing (pixels take the label of connected pixels).
 SPEED_M_S: Final = 0.30
 # m, maximum gap within one cluster of skin points. It is as wide as the strip that a rail hides, so that a head above a
 # rail belongs to the same cluster as the body below
@@ -45,7 +45,7 @@ class BystanderMemory:
     points_m: np.ndarray  # (n, 3) float32 world
     owner: np.ndarray  # (n,) uint8 label of the person
     age_s: np.ndarray  # (n,) float32, time since the point was last seen
-    next_label: int  # label for the next new person
+    next_label: int  # label that the next person to appear will get
 
     @property
     def without_patient(self) -> BystanderMemory:
@@ -101,7 +101,7 @@ def empty_memory() -> BystanderMemory:
 
 
 def memory_of(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> BystanderMemory:
-    """Return the memory of a single frame: the people's pixels in every third row and column."""
+    """Return the memory of a single frame: the points at the people's pixels in every third row and column."""
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for pixels, view in zip(pieces, views, strict=True):
         if pixels is None or view is None:
@@ -148,7 +148,9 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Return the skin that was seen before, is not seen now, and may still be there since no camera sees past it."""
+    """Return the skin that was seen less than ``MEMORY_S`` ago, is not seen now, and may still be there: for every
+    camera, it lies outside the image or behind a nearer surface.
+    """
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]

@@ -1,4 +1,4 @@
-"""Find connected pieces of a depth frame, cut where the depth jumps."""
+"""Find connected pieces of a depth frame. A piece ends where the depth jumps by more than it can within one surface."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
 
 @njit(cache=True, nogil=True)
 def unite(root: np.ndarray, one: Any, other: Any) -> None:
-    """Join the sets of two nodes under the smaller root. root (n,) int32: a union-find forest."""
+    """Join the sets to which two nodes belong; the smaller of their roots becomes the root of the joined set. root (n,)
+    int32: a union-find forest, in which the nodes of a set have the same root.
+    """
     one, other = find_root(root, one), find_root(root, other)
     if one < other:
         root[other] = one

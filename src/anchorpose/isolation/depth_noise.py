@@ -3,10 +3,10 @@ of edges, and false ramps between surfaces.
 
 Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
-Noise is measured on pixels that show the empty room in two sampled frames, since these differ only by noise. Second
-differences along an image row, which ``calibration.first_frames`` uses, would miss the error that neighbouring pixels
-share. The error of a stereo camera is the same within a patch as wide as its matching window. So this error hardly
-averages out over a limb.
+Noise is measured on pixels that show the empty room in two sampled frames, since two readings of a still surface differ
+only by noise. Second differences along an image row, which ``calibration.first_frames`` uses, would miss the error that
+neighbouring pixels share. The error of a stereo camera is the same within a patch as wide as its matching window. So
+the mean over all readings of a limb has hardly less of this error than a single reading.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ ON_RAMP: Final = 0.15
 
 
 def smear_px(frames_m: Sequence[np.ndarray], people: Sequence[np.ndarray] | None = None) -> int | None:
-    """Return the width in pixels of this camera's depth edges; 0 if they are sharp, None if too few are seen.
+    """Return the width in pixels of this camera's depth edges; 0 if they are sharp, None if too few edges are seen.
 
     frames_m: (height, width) float32 metres, 0 = no reading. people: for each frame (height, width) bool, the pixels
     that show people; only the outlines of people are measured. None: all edges are measured.
@@ -132,7 +132,8 @@ STILL_GATE: Final = 6.0
 # 16,000 readings
 OUTLIER_GATE: Final = 4.0
 ROUNDS: Final = 3  # number of times that outliers are removed and sigma is computed again
-# pixels from a depth edge; readings within this distance may lie between two surfaces and are counted separately
+# pixels, maximum distance from a depth edge of readings that count as beside the edge; they may lie between two
+# surfaces, so they are counted separately
 EDGE_PX: Final = 2
 # m, minimum difference between the nearest and the farthest depth in 5x5 pixels at an edge; on a slanted surface, it is
 # less
@@ -318,8 +319,8 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Return the root mean square without outliers. A median is not used: with coarse grey values most readings do not
-    change between frames, and the median would be 0.
+    """Return the root mean square of the values without outliers. A median is not used: with coarse grey values most
+    readings do not change between frames, and the median would be 0.
     """
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):

@@ -1,5 +1,5 @@
-"""Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
-in the recording.
+"""Learn the empty room of one camera from its background frame (a depth image without people) or, without such a frame,
+from surfaces that stay still in the recording.
 
 Still surfaces are the room or people who never leave their place. The learnt descriptor (a network that finds people in
 depth images) recognises these people. Behind them, only the planes of floor, walls and ceiling are filled in, and the
@@ -49,7 +49,8 @@ from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
-BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
+# pixels, side of the image blocks in which noise is measured; within a block, the noise is nearly the same
+BLOCK_PX: Final = 16
 # minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth of its
 # value
 READINGS_NEEDED: Final = 32
@@ -82,7 +83,8 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
 ) -> BackgroundModel:
-    """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
+    """Learn the background of one camera from a frame of the empty room or, without such a frame, from frames of the
+    recording.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
     needs a pose. Without an empty frame, the background of a pixel is the farthest surface that the pixel shows in
@@ -155,7 +157,8 @@ def _off_room(
     too few readings. Readings more than ``NEARER_M`` in front of the room or ``behind_m`` behind it are left out.
     """
     known = np.where(depth_m > 0, depth_m, np.float32(1.0))
-    # two grey values that differ by one step may stand for the same depth
+    # because of rounding, two grey values that differ by one step may stand for the same depth, so sigma is at least a
+    # step
     sigma = np.maximum(law.sigma_m(known), step_per_m * known**2)
     beyond = [np.where((depth_m > 0) & (frame > 0), frame - depth_m, np.nan) for frame in frames_m]
     off = [np.where((one > -NEARER_M) & (one < behind_m), one / sigma, np.nan) for one in beyond]
@@ -173,8 +176,8 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the still surfaces; people who stay are replaced by the floor and walls behind
-    them.
+    """Return (depth_m, sigma_m) of the still surfaces; people who never move are replaced by the plane of the room, or
+    the equipment, behind them.
     """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
@@ -193,7 +196,9 @@ def _from_recording(
 def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor, at most ``LEAN_M`` outside the equipment's outline."""
+    """Return (height, width) bool: pixels that may show a person in the equipment: they lie above the floor, at most
+    ``HEAD_M`` high, and at most ``LEAN_M`` outside the equipment's outline on the ground.
+    """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest
@@ -232,7 +237,9 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 
 
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the farthest surface that each pixel shows in enough frames (n, height, width)."""
+    """Return (depth_m, sigma_m) of the farthest surface that each pixel shows in enough of the frames, ``frames_m`` (n,
+    height, width).
+    """
     count = (frames_m > 0).sum(axis=0)
     rising = np.sort(frames_m, axis=0)  # missing readings are 0, so they are sorted first
     if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several readings is the room
@@ -251,7 +258,9 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Return, per pixel, the percentile of the last ``count`` sorted values along the first axis; 0 if count is 0."""
+    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): values sorted over
+    time, of which the last ``count`` (height, width) are readings; 0 if count is 0.
+    """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 

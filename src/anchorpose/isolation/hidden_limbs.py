@@ -19,7 +19,9 @@ CLUTTER_PER_M3: Final = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenSkin:
-    """The predicted skin of limbs whose place is too uncertain to decide, pixel by pixel, which person is shown."""
+    """The predicted skin of limbs whose place is uncertain: too uncertain for the skin to decide, pixel by pixel, which
+    person a pixel shows.
+    """
 
     points_m: np.ndarray  # (n, 3) world
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point

@@ -78,8 +78,8 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Enter the owner of each point in the point's cell and the 26 cells around it. All points must be at least one
-    cell away from the lower border of the grid.
+    """Write the owner of each point to the point's cell of ``around`` and to the 26 cells around it; a cell with
+    several owners gets ``MIXED``. All points must be at least one cell away from the lower border of the grid.
     """
     before = np.full(3, -1, np.int64)
     whose = 0
@@ -103,11 +103,11 @@ def decide_ownership(
 ) -> np.ndarray:
     """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
 
-    If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
-    chosen, but only where ``compared`` (m,) bool is True. The most likely owner is the person with the least (d /
-    sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin. This value must be less than
-    the value of every other person by at least ``least_lead``, otherwise the place has no clear owner. Skin farther
-    away than ``gate`` times its sigma does not count.
+    If all skin in a place's cell and the 26 cells around it belongs to one person, that person owns the place.
+    Otherwise the most likely owner is chosen, but only where ``compared`` (m,) bool is True. The most likely owner is
+    the person with the least (d / sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin.
+    This value must be less than the value of every other person by at least ``least_lead``, otherwise the place has no
+    clear owner. Skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -31,7 +31,7 @@ EDGE_M: Final = 0.1
 class Person:
     """One person as seen by all cameras at one moment."""
 
-    ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
+    ground_xz_m: np.ndarray  # (2,) float64, X and Z of the pelvis in the world, metres
     bottom_m: float  # height of the lowest point of the seen surface
     top_m: float  # height of the highest point of the seen surface
     area_m2: float  # area of the seen surface
@@ -45,7 +45,7 @@ class People:
     of: tuple[np.ndarray | None, ...]  # per camera, (n,) int32, number of each foreground pixel's person, -1 = nobody
 
     def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
-        """Return the places (n, 3) of a person's pixels in all cameras."""
+        """Return the points (n, 3) in the world at a person's pixels in all cameras. number: the person's number."""
         shown = [(pixels, own) for pixels, own in zip(pieces, self.of, strict=True) if pixels is not None]
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
@@ -74,7 +74,9 @@ class PatientChoice:
 
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
     reason: str  # text for users after "who", such as "stands within the equipment"
-    sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
+    # whether the choice is certain: the user named the patient, or the patient is in the equipment and nobody else is
+    # as likely to be the patient
+    sure: bool
     frame: int | None = None  # number of the frame in which the patient is there; None if the frame does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 

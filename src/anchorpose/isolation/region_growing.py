@@ -53,7 +53,7 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
 
 
 class _Surface(NamedTuple):
-    """The fields of ``Pieces`` that growing needs."""
+    """The fields of ``Pieces`` that region growing needs, and the sensor's limits for steps in depth."""
 
     number: np.ndarray  # the field ``index``
     depth: np.ndarray
@@ -132,7 +132,9 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the neighbour of a pixel in a direction, -1 if regions cannot grow there, and the cost in steps."""
+    """Return the number of a pixel's neighbour in a direction, -1 if its region cannot grow there, and the cost of
+    growing there, in steps.
+    """
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c

@@ -1,4 +1,6 @@
-"""Describe one camera's scene before the first frame, and cut the people's pixels out of each frame."""
+"""Describe one camera's scene (its empty room and the equipment) before the first frame, and cut the people's pixels
+out of each frame.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ SMALLEST_PIECE_M2: Final = 0.0005
 # m above the lowest pixel of people, maximum height at which readings of feet may be missing: the height of an ankle,
 # plus the part of a foot that a recorder removes with the floor
 FEET_M: Final = 0.3
-# m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
+# m2, minimum area of a board (a flat rectangular object), since a smaller flat piece may be a part of a body that is
+# seen between bars
 LEAST_M2: Final = 0.15
 FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
 # minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
@@ -88,7 +91,9 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The people's pixels of one camera's frame in connected pieces; people are not separated yet."""
+    """The people's pixels of one camera's frame, in connected pieces. A piece may show several people who touch, since
+    people are not separated yet.
+    """
 
     depth_m: np.ndarray  # (height, width) float32
     # (height, width) uint8 of ``PixelLabel``; before people are separated, pixels that may show a person have CLUTTER
@@ -103,7 +108,7 @@ class Pieces:
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """Return the frame with only those foreground pixels that are ``kept`` (n,) bool."""
+        """Return the pieces with only the foreground pixels at which ``kept`` (n,) bool is True."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -141,7 +146,8 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
     false ramps (drawn between two surfaces by the camera's filters) and boards (flat rectangular pieces) are removed,
     too.
 
-    time_s: time of the frame on the reference clock; None: objects at rest do not count as room.
+    time_s: time of the frame on the reference clock (the first camera's clock); None: objects at rest do not count as
+    room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)

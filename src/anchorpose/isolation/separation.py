@@ -41,7 +41,8 @@ FIRST_EARLIER_LABEL: Final = 128
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
-    """Label each camera's pixels in a frame without knowledge from earlier frames.
+    """Label each camera's pixels by person in the frame with which tracking begins, without knowledge from other
+    frames.
 
     The patient is the person nearest to the chosen place.
     """
@@ -102,7 +103,7 @@ def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
-    """Return (n,) uint8 owner of each foreground pixel by likelihood alone."""
+    """Return the owner (n,) uint8 of each foreground pixel as decided by likelihood alone; ``NOBODY`` if undecided."""
     if grid is None:
         return np.zeros(len(pixels.row), np.uint8)
     return decide_ownership(grid, pixels.points_m, _decision_pixels(pixels))
