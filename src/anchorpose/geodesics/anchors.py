@@ -73,8 +73,8 @@ UNPREDICTED: Final = 1.0
 # tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``) of the predicted place.
 # It is less than ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
-# tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
-# get the anchor's name
+# tolerances, maximum difference from an anchor's usual place (``PLACES``) at which an extremum can get the anchor's
+# name although it is beyond the gate of the predicted place
 CLEAR: Final = 2.0
 # tolerances, maximum difference from a usual value that is counted; larger differences are reduced to it, since a
 # single value may be far off if an arm is crossed over the body or a path is wrong
@@ -200,10 +200,13 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Anchors:
-    """The five identified anchors of a surface; missed anchors are marked, never guessed."""
+    """The five anchors (head, hands, feet) of a surface. An anchor that was not found is marked as missed, and its
+    place is never guessed.
+    """
 
     # (5,) int32, index into the surface, -1 = missed: the node nearest to the centre of the extremum's cap (the surface
-    # around it). From frame to frame, distances from this node change half as much as distances from the extremum.
+    # around it). Distances of other nodes from this node change from frame to frame half as much as their distances
+    # from the extremum.
     node: np.ndarray
     position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
@@ -247,7 +250,8 @@ def find_anchors(
     config: AnchorConfig | None = None,
     missing: np.ndarray | None = None,
 ) -> Anchors:
-    """Find the anchors: assign head, hands and feet to the extrema; other extrema remain unnamed.
+    """Find the anchors: decide which extrema of the surface are the head, the hands and the feet. All other extrema get
+    no name.
 
     up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
     subject's height. cut (n,) bool: nodes at a border where something else cuts the surface (``surface.border``); an
@@ -255,9 +259,10 @@ def find_anchors(
     predicted place of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that
     the patient lacks.
 
-    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if every extremum costs too
-    much; all are missed on a surface without seen nodes. The direction ``facing`` decides which side is left. If this
-    direction is wrong by half a turn, left and right of all anchors are exchanged, and the result does not show this.
+    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if the cost of every extremum
+    is too high. On a surface without seen nodes, all anchors are missed. The direction ``facing`` decides which side is
+    left. If this direction is wrong by half a turn, left and right of all anchors are exchanged, and the result does
+    not show this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -302,7 +307,9 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """Return the anchors at the chosen caps: chosen (5,) int, -1 = missed."""
+    """Return the anchors at the chosen caps. chosen (5,) int: for each anchor, the number of its cap, -1 = missed;
+    free: as in ``Anchors``.
+    """
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
         if number >= 0:

@@ -118,9 +118,10 @@ def _join(
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
 
-    From every node the path continues to the neighbour, on the grid or across a link, through which the distance is
-    least; at the root of a separate piece, the path continues on the other side of the gap. The path consists of nodes,
-    so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
+    From every node the path continues to the neighbour, on the grid or across a link, through which the way to the
+    centre is shortest; at the root of a separate piece, the path continues on the other side of the gap. The path
+    consists of nodes, so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the
+    centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")

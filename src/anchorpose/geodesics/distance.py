@@ -1,18 +1,19 @@
-"""Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
+"""Compute geodesic distances (lengths of the shortest paths along a surface) by fast marching with unfolding (paper, gd
+of Section III).
 
-The mean error is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at the source and reaches
-the nodes in the order of distance. A node gets its distance from a triangle with two reached neighbours. The triangle
-is laid into a plane, in which the source lies at the known distances from both neighbours; this is exact where the
-surface is flat. Across a link (an edge outside the camera's pixel grid, for example between two cameras' nodes), the
-link's length is added.
+The mean error of a distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at the
+source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with two
+neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known distances
+from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's pixel grid,
+for example between two cameras' nodes), the link's length is added.
 
 The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
 rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the round's distance
 threshold are active: each computes candidate distances (``fans``) of the nodes of its ring (its eight neighbours), in
 parallel in the processor's vector registers. A node whose distance is reduced waits again, even if it was active
-before. The active nodes form a band along the front; it is narrower than an edge, so fewer than 2 nodes in 100 are
-active twice. Within a round no node uses another node's new distance, so the result does not depend on the order of the
-nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
+before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2 nodes in 100
+are active twice. Within a round no node uses another node's new distance, so the result does not depend on the order of
+the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations

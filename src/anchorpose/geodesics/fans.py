@@ -5,8 +5,8 @@ The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. I
 computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
 four sides (the neighbours E N W S) come first, because every triangle consists of the node, the neighbour that gets a
 distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has
-one triangle to its left (counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998
-(doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
+two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right triangle. Sources: Kimmel
+and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ angles, the front starts again from the rim as from a source. A straight rim con
 by less than 4 degrees.
 """
 
-FUSED: Final = {"contract", "nsz", "arcp"}  # numba's flags: products may be fused and reordered, but NaN stays NaN
+# numba's flags for faster arithmetic: products may be fused and reordered, but NaN stays NaN
+FUSED: Final = {"contract", "nsz", "arcp"}
 
 
 class Fans(NamedTuple):
@@ -61,7 +62,7 @@ class Fans(NamedTuple):
     near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
     fan: np.ndarray  # (n, 24) float32, columns from ``EDGE2``, ``DOT_LEFT`` and ``DOT_RIGHT`` on
     rim: np.ndarray  # (n,) uint8, 1 where the surface ends; ``NOT_FILLED`` at first
-    edge: np.ndarray  # (8, 3) float32, scratch memory
+    edge: np.ndarray  # (8, 3) float32, working memory for the edges of one node
     wide: np.ndarray  # (n, 6) complex128, the same memory as ``fan``; each number holds four of its columns
 
 
@@ -155,8 +156,9 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the columns from ``at`` on. The first columns get, per lane, the value of
-    the side in its left triangle (``LEFT``); the next columns, of the side in its right triangle (``RIGHT``).
+    """Copy the values of the four sides to row k of the table, to the columns from ``at`` on. The first columns get,
+    per lane, the value of the side in its left triangle (``LEFT``); the next columns, of the side in its right triangle
+    (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -200,8 +202,8 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply the
-    path turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
+    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply a
+    path that cannot cross the triangle turns at the node instead: 1 - cos of the angle, times ``FULL_TURN``.
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
     them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``

@@ -1,4 +1,6 @@
-"""Find, in the distance field of any solver, the last piece of each node's shortest path."""
+"""Find the last piece of the shortest path from a source to each node, given the distances of all nodes from the
+source, which any solver may have computed.
+"""
 
 from __future__ import annotations
 

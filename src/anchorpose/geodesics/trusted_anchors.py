@@ -28,8 +28,9 @@ Functions that are called for every node take plain arrays and are inlined. When
 numba counted the references to the arrays at every call, which took four fifths of the computing time.
 
 - skin (n, 6) float32: point and normal.
-- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow's node in the plane into
-  which its path is laid flat; HEADING: direction of the last piece; SIDE: 1 or -1, the side to which a path bends.
+- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a node in a shadow, in the plane
+  into which the node's path is laid flat; HEADING: direction of the last piece of the path; SIDE: 1 or -1, the side to
+  which a path bends.
 - chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 if the node is so deep
   in a shadow that the corner is not computed; ROOT: the rim node at which the path bends first, which identifies the
   plane.
@@ -210,10 +211,10 @@ def trusted_anchors(
     descriptor (n, k) metres, from ``anchor_descriptor``: the distance of each node to each anchor along this surface.
     rim (n,) bool: nodes at which the surface ends because something hides the rest of it (``Border.CUT``). A few nodes
     beside the border may be True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is
-    not a rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached
-    (inf) anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit),
-    the computed detour is too long: the path over the complete skin would bend at the outline, too. In this case, fewer
-    anchors are trusted than could be.
+    not a rim: it bends paths in the same way in every frame, so these paths are not too long. Links across hidden skin
+    do not bend paths. Missed (NaN) or unreached (inf) anchors are not trusted. If the outline bends a path shortly
+    before a rim does (at a hole beside the armpit), the computed detour is too long: the path over the complete skin
+    would bend at the outline, too. In this case, fewer anchors are trusted than could be.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -225,11 +226,11 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     """Return (n, k) float32 metres: how much longer each distance from a node to an anchor is than it would be if the
     occluded holes of the surface were filled by flat skin.
 
-    The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
-    along a path. So nodes behind a detour of more than ``enough_m`` get a lower bound of their detour, which halves the
-    computing time of this function. The detour is inf if the path passes a strip without triangles beside the
-    occlusion, where bends are unknown. The direction of each path at a rim is computed from the field, so distances of
-    any solver can be used.
+    The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Along a path, the
+    detour of a node is never smaller than the detour of the node before. So nodes behind a detour of more than
+    ``enough_m`` get a lower bound of their detour, which halves the computing time of this function. The detour is inf
+    if the path passes a strip without triangles beside the occlusion, where bends are unknown. The direction of each
+    path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(

@@ -48,7 +48,8 @@ class Border(IntEnum):
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, indexed by ``surface.camera``.
+    """Return (n,) uint8: the kind of border (``Border``) near each node; views: one per camera, indexed by
+    ``surface.camera``.
 
     Cameras that saw no node are skipped. A node on hidden skin is ``INSIDE``.
     """
@@ -62,8 +63,8 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 
 
 def _border_of_pixels(view: View) -> np.ndarray:
-    """Return (height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are
-    examined.
+    """Return the kind of border near each pixel (height, width) uint8 (``Border``). It is valid on the patient's
+    pixels, since only the surroundings of these pixels are examined.
     """
     whole = np.zeros(view.labels.shape, np.uint8)
     top, bottom, left, right = extent(view.patient)

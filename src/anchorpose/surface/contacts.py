@@ -1,8 +1,8 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame connects parts that touch. ``decide_candidates`` decides which skin each node shows, so that
-the border between two parts lies in the crease. ``cut_contacts`` then cuts the mesh where neighbouring nodes show skin
-that is far apart on the body.
+The mesh of a depth frame connects the surfaces of parts that touch. ``decide_candidates`` decides which skin each node
+shows, so that the border between two parts lies in the crease. ``cut_contacts`` then cuts the mesh where neighbouring
+nodes show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
 # distances are no evidence of a contact, since neighbouring skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so it is not cut even
-# if an arm is wrongly predicted to lie on it
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so smooth skin is not
+# cut even if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
 # example, a step is at the rim of a hand on the trunk
@@ -101,7 +101,9 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """Return the mesh's neighbours ``ring`` without the edges of contacts; skin (n,) int32 of ``Surface``."""
+    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts that are cut. skin (n,)
+    int32: the field of ``Surface``.
+    """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact get one root

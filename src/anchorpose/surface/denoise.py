@@ -33,10 +33,10 @@ JUMP_SIGMAS: Final = 2.0
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows. If half the step between the grey values of the depth image
-    gives a larger coefficient, this coefficient is used. The coefficient is 0 for a frame without noise or without
-    three neighbouring readings in a row.
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient is
+    computed from the median of the absolute second differences along rows, which edges hardly affect. If half the step
+    between the grey values of the depth image gives a larger coefficient, this coefficient is used. The coefficient is
+    0 for a frame without noise or without three neighbouring readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:

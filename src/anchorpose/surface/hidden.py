@@ -1,13 +1,13 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
-thigh. If two such parts are near a node, each part gives a candidate for the node's skin point, and the crease between
-the parts decides (``contacts.py``).
+thigh. If two such parts are near a node, each part gives a candidate for the skin point that the node shows, and the
+side of the crease between the parts decides (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-Such hidden skin is inferred, not measured. With hidden skin, geodesics run as on the complete body. Hidden skin also
-shows whether a limb continues behind an object. Registration (which fits the body), track tree (which matches nodes
-from frame to frame) and images of the patient use only seen nodes.
+Such hidden skin is inferred, not measured. With hidden skin, shortest paths along the surface (geodesics) run as they
+would on the complete body. Hidden skin also shows whether a limb continues behind an object. Registration (which fits
+the body), track tree (which matches nodes from frame to frame) and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, MeshArrays, Sk
 
 
 class Pinhole(NamedTuple):
-    """A camera in the form for compiled kernels."""
+    """A camera's pose and lens as arrays, which compiled functions (kernels) can read."""
 
     T_camera_world: np.ndarray  # (4, 4) float32
     lens: np.ndarray  # from ``lens_array``
@@ -56,7 +56,8 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# m, maximum distance from a node to the expected skin point that it shows: the prediction error of a fast hand
+# m, maximum distance from a node to the expected skin point that it shows; it is the error with which a fast hand is
+# predicted
 REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))

@@ -63,7 +63,9 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
-    """Compute ``estimate_normals`` tile by tile: sums over the neighbours of each pixel, then the planes."""
+    """Compute ``estimate_normals`` tile by tile (up to ``TILE`` pixels of a row): first sums over the neighbours of
+    each pixel, then, from these sums, the plane at each pixel.
+    """
     z = window.z
     normals = np.empty((len(pixel), 3), np.float32)
     sums = np.empty(13 * TILE, np.float32)
@@ -106,8 +108,9 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours, a and b, of each pixel to the sums. The pixel's own ray and inverse depth are subtracted from
-    the rays and inverse depths of its neighbours, so that float32 is precise enough.
+    """Add two neighbours, a and b, of each pixel to the sums from which the pixel's plane is computed. The pixel's own
+    ray and inverse depth are subtracted from the rays and inverse depths of its neighbours, so that float32 is precise
+    enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
     right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.
@@ -204,19 +207,21 @@ def build_surface(
 
 
 def edges(surface: Surface) -> np.ndarray:
-    """Return every edge of the surface once, (e, 2) int32 with the smaller index first: grid edges, then links."""
+    """Return every edge of the surface once, (e, 2) int32 with the smaller index first: edges of the pixel grid, then
+    links (all other edges).
+    """
     return np.concatenate([grid_edges(surface), links(surface)[0]])
 
 
 def grid_edges(surface: Surface) -> np.ndarray:
-    """Return every edge of the grid once, (e, 2) int32 with the smaller index first."""
+    """Return every edge between neighbours on the pixel grid once, (e, 2) int32 with the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
     return np.sort(np.stack([node, surface.ring[node, place]], axis=1), axis=1).astype(np.int32)
 
 
 def faces(surface: Surface) -> np.ndarray:
-    """Return triangles (f, 3) int32, counter-clockwise as the camera sees them; each grid cell is cut along one
-    diagonal.
+    """Return the triangles of the mesh (f, 3) int32, with corners counter-clockwise as the camera sees them; each grid
+    cell is cut along one diagonal.
 
     Links have no triangles. A cell is cut along the diagonal that gives more triangles; if both give the same number,
     along the diagonal down to the right.
@@ -315,8 +320,9 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Return the ring (n, 8): neighbours are linked if no two successive readings between them differ by more than the
-    jump limit. Lost readings between two neighbours are skipped, so that a jump across them is still found.
+    """Return each node's neighbours ``ring`` (n, 8): two nodes next to each other on the grid are linked if no two
+    successive readings between them differ by more than the jump limit. Lost readings between two neighbours are
+    skipped, so that a jump across them is still found.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)
