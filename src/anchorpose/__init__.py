@@ -1,4 +1,5 @@
-"""Find 21 joints of a patient in depth recordings without markers, each joint with its state and uncertainty.
+"""Find 21 joints of a patient in recordings of depth cameras, without markers on the body. Each joint has a state and
+an uncertainty.
 
 A program can call ``track`` on a recording, ``open`` its results, or pass single frames to a ``Tracker``
 (docs/python.md). A public name of the package is imported when a program first uses the name; ``__init__.pyi`` declares

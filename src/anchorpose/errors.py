@@ -37,7 +37,7 @@ class AnchorposeError(Exception):
 
 
 class InputError(AnchorposeError):
-    """The error for a file that cannot be used: the file's path, the problem and the remedy."""
+    """The error for a file that cannot be used. It states the file's path, the problem and the remedy."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
@@ -46,7 +46,9 @@ class InputError(AnchorposeError):
 
 
 class MissingPackage(AnchorposeError):
-    """The error for an optional package that is not installed: the purpose of the package, and how to install it."""
+    """The error for an optional package that is not installed. It states the purpose of the package, and how to install
+    it.
+    """
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package, self.extra = package, extra

@@ -35,9 +35,9 @@ NAMES: Final = {
 """The names of each model's coefficients in OpenCV's order, for messages."""
 
 WIDEST: Final = 8.0  # maximum sqrt(x² + y²) / z of a ray: 83 degrees off the axis, wider than any depth camera's image
-_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as numbers for a lens array
+_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as numbers in a lens array (``lens_array``)
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid radius, coefficients, tilt matrix
-_SIZE: Final = 27  # length of a lens array
+_SIZE: Final = 27  # number of entries of a lens array (``lens_array``)
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
 # pixels, maximum distance of a ray's projection from the pixel at which Newton's method has found the pixel's ray
 _EXACT_PX: Final = 1e-6
@@ -71,8 +71,8 @@ class Intrinsics:
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """Return the lens (27,) float64, read only, for compiled code: fx, fy, cx, cy, then further values for
-    ``pixel_of_ray``.
+    """Return the parameters of a lens as an array (27,) float64, read only, for compiled code: fx, fy, cx, cy, then
+    further values for ``pixel_of_ray``.
     """
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy

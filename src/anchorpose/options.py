@@ -34,16 +34,18 @@ LARGEST_PORT: Final = 65535
 
 COMMAND_LINE: Final = "cli"  # cyclopts's name for the command line as the source of a token (the text of a value)
 OUTPUT: Final = Parameter(name=["--output", "-o"])
-SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin with a minus
+SIGNED: Final = Parameter(allow_leading_hyphen=True)  # declaration of an option whose value may begin with a minus sign
 
 
 def positive(most: float) -> Parameter:
-    """Return the declaration of a numeric option above zero and up to ``most``; NaN is refused as well."""
+    """Return the declaration of a numeric option whose value must be above zero and at most ``most``; NaN is refused,
+    too.
+    """
     return Parameter(validator=Number(gt=0, lte=most), converter=_as_number)
 
 
 def between(least: float, most: float) -> Parameter:
-    """Return the declaration of a numeric option from ``least`` to ``most``, both allowed."""
+    """Return the declaration of a numeric option whose value must be from ``least`` to ``most``, limits included."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_number)
 
 

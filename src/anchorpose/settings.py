@@ -98,7 +98,7 @@ def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
 
 
 def sentence_of(error: ValueError) -> str:
-    """Explain an impossible setting in one sentence without a full stop."""
+    """Return a sentence, without a full stop, that explains why a setting was refused."""
     return "; ".join(explain(error)) if isinstance(error, ValidationError) else str(error)
 
 

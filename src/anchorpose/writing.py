@@ -346,8 +346,8 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
-    """Return a note if the images hardly determine the patient's height, and the user gave no height that agrees with
-    the images.
+    """Return a note for the user if the images hardly determine the patient's height, and the user gave no height that
+    agrees with the images; else no note.
     """
     if learnt is None or run.shape is None:
         return []

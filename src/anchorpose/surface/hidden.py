@@ -1,8 +1,8 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
-thigh. If two such parts are near a node, each part gives a candidate for the skin point that the node shows, and the
-side of the crease between the parts decides (``contacts.py``).
+thigh. If two such parts are near a node, each part gives a candidate for the skin point that the node shows. Which
+candidate is chosen depends on the side of the crease between the parts on which the node lies (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
 Such hidden skin is inferred, not measured. With hidden skin, shortest paths along the surface (geodesics) run as they
@@ -184,8 +184,8 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """Return the cells within ``reach_px`` pixels of a node as (top, bottom, left, right); bottom and right are one
-    past the last cell.
+    """Return the range of cells within ``reach_px`` pixels of a node's pixel, as (top, bottom, left, right); bottom and
+    right are one past the last cell.
     """
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
@@ -195,7 +195,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
-    """Return the skin points that may face the camera and fall into its depth frame, sorted into cells."""
+    """Return the skin points that may face the camera and lie within its image, sorted into cells of pixels."""
     points, normals = skin.points_m, skin.normals
     T_camera_world, lens = camera
     cell, start = np.full(len(points), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
@@ -263,8 +263,8 @@ STRETCH: Any = np.float32(0.98)
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """Return the surface with hidden skin points added as nodes after the seen nodes; they have links, but no ring of
-    grid neighbours.
+    """Return the surface to which hidden skin points (expected skin that was not seen) are added as nodes, after the
+    seen nodes. The added nodes have links, but no ring of grid neighbours.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
     if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
@@ -317,7 +317,7 @@ def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, abs
 
 
 class Seen(NamedTuple):
-    """The seen nodes."""
+    """The nodes that cameras saw, as arrays for compiled functions."""
 
     points_m: np.ndarray  # (n, 3) float32
     skin: np.ndarray  # (n,) int32, the skin point that each node shows, -1 = unknown

@@ -1,4 +1,4 @@
-"""Handle links, which are edges outside the pixel grid, and the connected pieces of a mesh.
+"""Store links, which are edges outside the pixel grid, and find the connected pieces of a mesh.
 
 A link connects the nodes of two cameras, the two sides of a bar or a gap, or nodes of hidden skin.
 """
@@ -20,7 +20,7 @@ def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Return the distance (l,) float32 between the nodes of each pair."""
+    """Return the straight-line distance (l,) float32 between the two nodes of each pair."""
     length: np.ndarray = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1).astype(np.float32)
     return length
 
@@ -57,7 +57,9 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Append pairs to the compressed rows (own_*) of the first o nodes; own_start is (o + 1,)."""
+    """Compute ``add_links`` in compiled code: append the pairs to the compressed rows (own_*) of the first o nodes.
+    own_start: (o + 1,).
+    """
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -95,8 +97,8 @@ def _compress(
 
 
 def pieces(surface: Surface) -> np.ndarray:
-    """Return the number (n,) int32 of each node's connected piece; pieces are numbered in the order of their first
-    nodes.
+    """Return, for each node, the number (n,) int32 of the connected piece of mesh to which it belongs. Pieces are
+    numbered in the order of their first nodes.
     """
     return _connected_pieces(surface.arrays)
 

@@ -69,7 +69,7 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
 
 
 UNLABELLED: Final = 255
-"""Label of all pixels of results without a people.parquet."""
+"""Label of all pixels if the results have no people.parquet (the file with the person labels)."""
 
 ROOM_STEP: Final = 3
 """Step, in rows and columns, between the pixels of the room that are sent to the page: the page shows the room only for
@@ -87,7 +87,7 @@ class DepthFrames:
     """A recording with the clocks and camera poses of a tracking run.
 
     frame (n,): numbers of the results' frames. pairs (n, cameras): for each of these frames, the index of each camera's
-    depth image in its stream, -1 = none. people: None if the results have no person labels.
+    depth image among all images of this camera, -1 = none. people: None if the results have no person labels.
     """
 
     recording: Recording
@@ -101,8 +101,8 @@ class DepthFrames:
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """Return for each camera (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
-        sentences on problems.
+        """Return for each camera (m, 4) uint16: column, row, grey value and look (brightness and label) of each pixel
+        with a reading. Also return sentences on problems, for the user.
 
         The pixels of coarse grids come first (every eighth row and column, then every fourth, then every second, then
         all), so that a page on a slow computer may draw only the first part. The look of a pixel is 256 times the

@@ -154,7 +154,7 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answer a request for data, that is, for a name that is not a file."""
+        """Answer a request for data, that is, a request for a name that is not the name of a file of the page."""
         raise NotImplementedError
 
     def do_POST(self) -> None:

@@ -35,8 +35,9 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return bytes for a page: MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a
     multiple of ``ALIGNED``.
 
-    The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
-    of ``ALIGNED`` after the head. Raises ValueError for a number type that browsers' arrays do not have.
+    The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start, the byte at which an array
+    begins, is counted from the first multiple of ``ALIGNED`` after the head. Raises ValueError for a number type that
+    browsers' arrays do not have.
     """
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     entries, start = [], 0
@@ -209,8 +210,8 @@ def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
     """Return the packed surface of the patient in ``count`` frames from row ``first`` of the results on: vertices (v,
     3) int16, millimetres in the world; faces (f, 3) uint32.
 
-    meta: ``counts`` has the numbers of [vertices, faces] of each frame. Faces are indices that begin with 0 at the
-    first vertex of their frame.
+    meta: ``counts`` has the numbers of [vertices, faces] of each frame. Faces are indices of vertices, counted from 0
+    at the first vertex of the same frame.
     """
     frames = [depth_frames.surface(position) for position in _positions(depth_frames, first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}

@@ -364,7 +364,7 @@ class CorrectionFile:
 
 
 def valid_corrections(corrections: Corrections) -> dict[str, Any]:
-    """Return the corrections that are not withdrawn, in the form that the page reads."""
+    """Return the corrections that are valid (not withdrawn), as values for JSON in the form that the page reads."""
     return {
         "unusable": as_json(corrections.unusable),
         "joints": as_json(corrections.joints),

@@ -176,7 +176,7 @@ class ReviewServer(GuardedServer):
 
 
 class ViewerServer(ReviewServer):
-    """The server of the viewer."""
+    """The server of the viewer's page."""
 
     page = VIEWER_PAGE
     api: ViewerApi
@@ -199,8 +199,9 @@ def open_viewer(
     """Return the server of the viewer, already listening. corrections: the file to which corrections are added, by
     default the file that ``corrections_beside`` names, beside the results.
 
-    A new file begins with the corrections that the results were tracked with. Raises InputError if results,
-    recording or corrections cannot be used, AnchorposeError if the server cannot listen on ``host`` and ``port``.
+    A new file of corrections begins with the corrections with which the results were tracked. Raises InputError if
+    results, recording or corrections cannot be used, AnchorposeError if the server cannot listen on ``host`` and
+    ``port``.
     """
     review = open_review(results, recording)
     if corrections is not None and not corrections.exists():
