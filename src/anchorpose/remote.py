@@ -50,8 +50,8 @@ def parts_of(address: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_copy(given: str | Path) -> Iterator[Path]:
-    """Yield a given path unchanged; for an address, yield a local copy with the same name, which is removed after the
-    ``with`` block.
+    """If ``given`` is a path, yield it unchanged; for an address, yield a local copy with the same name, which is
+    removed after the ``with`` block.
 
     Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads this kind of
     address is not installed.
@@ -85,8 +85,8 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_results(given: str | Path) -> Iterator[Path]:
-    """Yield the given path itself. For an address, yield the path of a local folder to be written, whose content is
-    copied to the address when the block ends without an error.
+    """If ``given`` is a path, yield it unchanged. If it is an address, yield the path of a local folder to be written,
+    whose content is copied to the address when the block ends without an error.
 
     The folder is copied under a temporary name and then renamed. An address that exists already is refused before any
     work, and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.

@@ -97,7 +97,7 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far each extremum (a limb's end, see ``caps``) is from each anchor's usual place, and the distances
+    """Return how far each extremum (the tip of a cap in ``caps``) is from each anchor's usual place, and the distances
     between the extrema.
 
     The first result is (k, 5) in squared tolerances: the sum of the squared differences from the five usual values in
@@ -208,7 +208,8 @@ class Anchors:
     # around it). Distances of other nodes from this node change from frame to frame half as much as their distances
     # from the extremum.
     node: np.ndarray
-    position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
+    # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
+    position_m: np.ndarray
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
     # extrema that are no anchor although a limb ends there: the surface is not cut off at them, and hidden skin does
     # not continue beyond them. The extremum farthest from the centre comes first
@@ -232,8 +233,9 @@ class AnchorConfig:
     gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, divided by the body height. It is smaller than the gate of a hand: a head moves less, and the neck
-# of a hidden head, 20 cm away, must not be mistaken for the head
+# distance from the head's predicted place within which an extremum is accepted in any pose (gate), divided by the body
+# height. It is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm away, must not
+# be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum within this distance of an anchor's predicted place can be the anchor
 # even if an object cuts the surface off there, or if hidden skin continues beyond it
@@ -285,7 +287,9 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """Return the distance (k, 5), metres, of each extremum from each anchor's prediction; NaN without prediction."""
+    """Return the distance (k, 5), in metres, of each extremum from the predicted place of each anchor; NaN without a
+    prediction.
+    """
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
     centers = np.array([cap.center_m for cap in caps])

@@ -43,7 +43,7 @@ class CenterField:
 
     @property
     def center(self) -> int:
-        """Return the centre node V_c."""
+        """Return the index of V_c, the node at the centre of the surface."""
         return int(self.root[(self.root >= 0) & (self.before < 0)][0])
 
 

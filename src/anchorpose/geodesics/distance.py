@@ -253,7 +253,7 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32); The fans (values
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). The fans (values
     of each node's neighbourhood) that were filled for one field are used again for the next field.
     """
     count = len(mesh.points_m)

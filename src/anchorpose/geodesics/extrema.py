@@ -57,9 +57,9 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     first.
 
     field (n,) float32: geodesic distance from the centre; nodes with the distance inf (not connected to the centre) are
-    never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. The rule is applied
-    exactly. Each node that is farther from the centre than all its neighbours is a candidate. From each candidate, a
-    front spreads over the surface until it meets a node at least as far from the centre.
+    never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. This rule of the paper
+    is applied exactly, as follows. Each node that is farther from the centre than all its neighbours is a candidate.
+    From each candidate, a front spreads over the surface until it meets a node at least as far from the centre.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -84,7 +84,9 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 whose ``field`` exceeds the field at all neighbours, on the grid and across links."""
+    """Return the nodes (k,) int32 at which ``field`` is larger than at all their neighbours, on the grid and across
+    links.
+    """
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -94,8 +96,9 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Return (k,) bool: whether no node within ``radius`` of a candidate is at least as far from the centre. A front
-    spreads from each candidate, and stops at the first node that is at least as far from the centre.
+    """Return (k,) bool: whether a candidate is an extremum, that is, farther from the centre than all other nodes
+    within ``radius``. A front spreads from each candidate, and stops at the first node that is at least as far from the
+    centre as the candidate.
     """
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))

@@ -71,7 +71,7 @@ class Rows(NamedTuple):
     this round).
     """
 
-    table: np.ndarray  # (n, 96) float32
+    table: np.ndarray  # (n, 96) float32, with the columns defined above, from ``EDGE2`` to ``UPDATED``
     flat: np.ndarray  # the same memory as ``table``, in one dimension
     wide: np.ndarray  # (n, 24) complex128, the same memory; each number holds four columns of ``table``
 
@@ -103,7 +103,8 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
-    """Fill in the neighbours and edges of one node; return whether the surface ends at it.
+    """Write the neighbours of one node, and the values of its edges and triangles, to ``fans``. Return whether the
+    surface ends at this node, that is, whether a neighbour is missing.
 
     A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with the dot
     product is False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each

@@ -85,7 +85,7 @@ def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any
 
 @njit(cache=True, error_model="numpy")
 def apart(points: np.ndarray, a: Any, b: Any) -> float:
-    """Return the straight distance between two nodes."""
+    """Return the straight-line distance between two nodes."""
     total = 0.0
     for axis in range(3):
         total += (np.float64(points[a, axis]) - points[b, axis]) ** 2

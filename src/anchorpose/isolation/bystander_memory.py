@@ -42,8 +42,8 @@ CUBES_PER_FACE: Final = 1.5
 class BystanderMemory:
     """The skin of all people, the patient included, as last seen."""
 
-    points_m: np.ndarray  # (n, 3) float32 world
-    owner: np.ndarray  # (n,) uint8 label of the person
+    points_m: np.ndarray  # (n, 3) float32, points on the skin, metres in the world frame
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     age_s: np.ndarray  # (n,) float32, time since the point was last seen
     next_label: int  # label that the next person to appear will get
 
@@ -94,7 +94,7 @@ class BystanderMemory:
 
 
 def empty_memory() -> BystanderMemory:
-    """Return the memory of an empty room."""
+    """Return a memory without any person's skin."""
     return BystanderMemory(
         np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON
     )

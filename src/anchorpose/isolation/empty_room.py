@@ -58,7 +58,8 @@ LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share 
 # if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ. At
 # a pixel that reads only passers-by, fewer frames have a reading
 OFTEN_READ: Final = 0.5
-SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
+# sigmas of the noise, maximum difference between readings of one surface, to which ``SAME_M`` (metres) is added
+SAME_SIGMAS: Final = 6.0
 # percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas

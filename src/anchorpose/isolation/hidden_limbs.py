@@ -23,7 +23,7 @@ class HiddenSkin:
     person a pixel shows.
     """
 
-    points_m: np.ndarray  # (n, 3) world
+    points_m: np.ndarray  # (n, 3), predicted points on the skin, metres in the world frame
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
     part: np.ndarray  # (n,) int, the segment to which the point belongs: half of a limb or of the trunk
 

@@ -28,8 +28,8 @@ LEAST_LEAD: Final = 2.0
 class OwnershipLikelihood:
     """Points at which people's skin is expected, with their uncertainty."""
 
-    points_m: np.ndarray  # (n, 3) float32 world
-    owner: np.ndarray  # (n,) uint8 label of the person
+    points_m: np.ndarray  # (n, 3) float32, expected points on the skin, metres in the world frame
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the skin about the point
 
     def __len__(self) -> int:
@@ -39,12 +39,12 @@ class OwnershipLikelihood:
 class LikelihoodGrid(NamedTuple):
     """The points of an ``OwnershipLikelihood`` sorted by cells: cell c has the points start[c] to start[c + 1] - 1."""
 
-    points_m: np.ndarray  # (n, 3) float32
-    owner: np.ndarray  # (n,) uint8
+    points_m: np.ndarray  # (n, 3) float32, the points, cell by cell
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     weight: np.ndarray  # (n,) float32 = 1 / sigma^2
     penalty: np.ndarray  # (n,) float32 = 2 log(sigma)
     start: np.ndarray
-    origin_m: np.ndarray  # (3,) float32
+    origin_m: np.ndarray  # (3,) float32, world, the corner of the first cell with the smallest coordinates
     # (a, b, c) uint8, owner of the skin in a cell and the 26 cells around it: ``NOBODY``, a person's label or ``MIXED``
     around: np.ndarray
 

@@ -95,7 +95,7 @@ class Pieces:
     people are not separated yet.
     """
 
-    depth_m: np.ndarray  # (height, width) float32
+    depth_m: np.ndarray  # (height, width) float32, the depth frame without readings on false ramps, metres
     # (height, width) uint8 of ``PixelLabel``; before people are separated, pixels that may show a person have CLUTTER
     labels: np.ndarray
     index: np.ndarray  # (height, width) int32, number of each foreground pixel, -1 = not foreground
@@ -103,7 +103,7 @@ class Pieces:
     column: np.ndarray  # (n,) int32, column of each foreground pixel
     piece: np.ndarray  # (n,) int32, number of each pixel's connected piece, from 1
     piece_count: int
-    points_m: np.ndarray  # (n, 3) float32 world
+    points_m: np.ndarray  # (n, 3) float32, the point that each foreground pixel shows, metres in the world frame
     area_m2: np.ndarray  # (n,) float32, area that the pixel covers on a surface that faces the camera
     sensor: Sensor
 
@@ -223,7 +223,9 @@ def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np
 def _listed(
     depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pixels of the kept pieces: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
+    """Return the pixels of the pieces that are kept (``renumbered`` > 0), as the fields index, row, column, piece,
+    points_m and area_m2 of ``Pieces``.
+    """
     height, width = depth.shape
     index = np.full((height, width), -1, np.int32)
     count = 0

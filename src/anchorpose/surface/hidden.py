@@ -29,7 +29,7 @@ from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, MeshArrays, Sk
 class Pinhole(NamedTuple):
     """A camera's pose and lens as arrays, which compiled functions (kernels) can read."""
 
-    T_camera_world: np.ndarray  # (4, 4) float32
+    T_camera_world: np.ndarray  # (4, 4) float32, the transform from the world to the camera
     lens: np.ndarray  # from ``lens_array``
 
 
@@ -322,7 +322,7 @@ class Seen(NamedTuple):
     points_m: np.ndarray  # (n, 3) float32
     skin: np.ndarray  # (n,) int32, the skin point that each node shows, -1 = unknown
     rim: np.ndarray  # (n,) bool, nodes without a complete ring of neighbours
-    piece: np.ndarray  # (n,) int32, connected piece of mesh
+    piece: np.ndarray  # (n,) int32, number of the connected piece of mesh to which each node belongs
 
 
 class Paths(NamedTuple):
@@ -336,8 +336,8 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (k,): number of each skin point's new node, -1 = no new node; and shown (k,): the piece of mesh that
-    shows the point with an inner node (a node off the rim), -1 = none.
+    """Return two arrays for the skin points. place (k,): the number of the new node (of hidden skin) for the point, -1
+    = no new node. shown (k,): the piece of mesh in which an inner node (a node off the rim) shows the point, -1 = none.
 
     A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
     or a neighbouring skin point that no inner node shows becomes a new node.
@@ -374,7 +374,8 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return links (m, 2) between new nodes, and from nodes at the rim to new nodes, and their lengths (m,) float32.
+    """Return the links (m, 2) between the new nodes (of hidden skin), and from seen nodes at the rim to new nodes, and
+    the lengths (m,) float32 of these links.
 
     Two skin points that one piece of mesh shows are not linked, since the mesh connects them.
     """

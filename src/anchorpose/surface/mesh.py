@@ -234,9 +234,9 @@ def faces(surface: Surface) -> np.ndarray:
         return (a >= 0) & (b >= 0) & (surface.ring[a, place] == b)
 
     fall_low = (down >= 0) & joined(down, 0, down_right)  # triangle (a, c, d) of a cell with the corners a b over c d
-    fall_high = (right >= 0) & joined(right, 6, down_right)  # triangle (a, d, b)
-    rise_high = (left >= 0) & joined(left, 6, down_left)  # triangle (b, a, c), from node b
-    rise_low = (down >= 0) & joined(down_left, 0, down)  # triangle (b, c, d), from node b
+    fall_high = (right >= 0) & joined(right, 6, down_right)  # triangle (a, d, b) of this cell
+    rise_high = (left >= 0) & joined(left, 6, down_left)  # triangle (b, a, c) of the cell with the node at b
+    rise_low = (down >= 0) & joined(down_left, 0, down)  # triangle (b, c, d) of the cell with the node at b
     corner_b = np.where(right >= 0, right, np.where(down_right >= 0, surface.ring[down_right, 2], -1))
     falls = fall_low.astype(np.int8) + fall_high
     rises = np.where(corner_b >= 0, (rise_high.astype(np.int8) + rise_low)[corner_b], 0)

@@ -101,12 +101,12 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 class Nodes(NamedTuple):
     """All cameras' nodes as arrays, which compiled functions (kernels) can read."""
 
-    points_m: np.ndarray  # (n, 3) float32
-    normals: np.ndarray  # (n, 3) float32
+    points_m: np.ndarray  # (n, 3) float32, places of the nodes in the world
+    normals: np.ndarray  # (n, 3) float32, unit normals of the nodes in the world
     inner: np.ndarray  # (n,) bool, nodes with a complete ring of neighbours
     skin: np.ndarray  # (n,) int32, the skin point that each node shows
     dropped: np.ndarray  # (n,) bool, nodes that another camera sees better
-    landmarks_m: np.ndarray  # (k, l) float32, as in ``BodyMap``
+    landmarks_m: np.ndarray  # (k, l) float32, distances of skin points to landmarks, as in ``BodyMap``
 
 
 class Grid(NamedTuple):

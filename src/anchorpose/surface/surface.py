@@ -62,7 +62,7 @@ class MeshArrays(NamedTuple):
 class Nodes:
     """Points of the skin that cameras saw."""
 
-    points_m: np.ndarray  # (n, 3) float32, world frame
+    points_m: np.ndarray  # (n, 3) float32, places of the nodes, metres in the world frame
     normals: np.ndarray  # (n, 3) float32, unit vectors towards the camera that saw the node
     camera: np.ndarray  # (n,) uint8, the camera that saw the node
     pixel: np.ndarray  # (n, 2) int16, row and column in that camera's image
@@ -96,7 +96,7 @@ class Surface(Nodes):
     ring: np.ndarray
     link_start: np.ndarray  # (n + 1,) int32, where the links of each node begin
     link_node: np.ndarray  # (m,) int32, the node at the other end of each link
-    link_length_m: np.ndarray  # (m,) float32
+    link_length_m: np.ndarray  # (m,) float32, length of each link in metres
     skin: np.ndarray  # (n,) int32, the expected skin point that the node shows, -1 = unknown
 
     @property
@@ -164,7 +164,7 @@ class SkinArrays(NamedTuple):
 class ExpectedSkin:
     """The patient's skin at the places that follow from the predicted pose."""
 
-    points_m: np.ndarray  # (k, 3) float32, world
+    points_m: np.ndarray  # (k, 3) float32, predicted places of the skin points, metres in the world frame
     normals: np.ndarray  # (k, 3) float32, world, outwards
     map: BodyMap  # distances along the skin between the same k points
 

@@ -93,8 +93,8 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. If too many are open, the oldest connection that has not sent the token is closed to make
-    space for a new connection.
+    """The open connections to the server. If too many are open, the oldest connection that has not sent the token is
+    closed to make space for a new connection.
     """
 
     def __init__(self) -> None:

@@ -65,8 +65,8 @@ def json_response(value: Any) -> Response:
 
 
 def describe_error(error: Exception) -> str:
-    """Describe an error for the page. A file is given by its name without its folder, since the folder's name may
-    contain the name of the patient.
+    """Return a sentence that describes an error, for the user of the page. A file is given by its name without its
+    folder, since the folder's name may contain the name of the patient.
     """
     if isinstance(error, InputError):
         return str(InputError(error.path.name, error.problem, error.remedy))

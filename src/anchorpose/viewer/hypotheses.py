@@ -74,7 +74,8 @@ class HypothesisWorker:
         patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
-        # a process made by forking would copy locks that threads of the server hold
+        # not forked: a forked process would have copies of locks that threads of the server hold and never release
+        # there
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
