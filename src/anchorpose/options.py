@@ -64,7 +64,9 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
 
 
 def plain_number(text: str) -> float:
-    """Parse a number written in ASCII digits without underscores; raises ValueError for any other text, and for NaN."""
+    """Parse a number written in ASCII characters without underscores. Raises ValueError for a text that is not such a
+    number, and for NaN.
+    """
     number = float(text)
     if "_" in text or not text.isascii() or math.isnan(number):
         raise ValueError

@@ -46,7 +46,7 @@ class Unfit(ValueError):
     """The error for a setting that has the right type but a value that cannot be used. It states the problem and the
     remedy.
 
-    key: name of the field with this value. It is needed if the check was of the whole object that contains the field.
+    key: name of the field with this value. It is needed if the object that contains the field was checked as a whole.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:

@@ -145,9 +145,8 @@ def _hash_inputs(recording: Recording, config: TrackConfig, known: Mapping[str, 
 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
-    """Return the recording with the camera poses of the results that a reviewer corrected. With these poses, the poses
-    need not be found again. Places in the corrections also stay valid even if the reviewer names another person as the
-    patient.
+    """Return the recording with the camera poses of the results that a reviewer corrected. So the poses need not be
+    found again, and places in the corrections stay valid even if the reviewer names another person as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)

@@ -253,8 +253,8 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """Return values that describe how well the cameras' clocks agree: for each camera, such as the offset and drift of
-    its clock against the first camera's clock, with the standard errors of both.
+    """Return values that describe how well the cameras' clocks agree. For each camera after the first, they include the
+    offset and the drift of its clock against the first camera's clock, with the standard errors of both, where known.
     """
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):

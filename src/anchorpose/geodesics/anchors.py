@@ -70,11 +70,12 @@ PREDICTION: Final = 1.5  # tolerances, maximum cost added for an extremum's dist
 # tolerances, cost added if an anchor has no predicted place. The limit ``MISSED`` then allows 3 tolerances from the
 # usual place
 UNPREDICTED: Final = 1.0
-# tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``) of the predicted place.
-# It is less than ``MISSED``, so that such an extremum can be the anchor in any pose
+# tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``, for the head
+# ``HEAD_GATE``) of the predicted place. It is less than ``MISSED``, so that such an extremum can be the anchor in any
+# pose
 AT_PREDICTION: Final = 3.5
-# tolerances, maximum difference from an anchor's usual place (``PLACES``) at which an extremum can get the anchor's
-# name although it is beyond the gate of the predicted place
+# tolerances, maximum difference from an anchor's usual place (``PLACES`` and, for hands and feet, ``FROM_HEAD``) at
+# which an extremum can get the anchor's name although it is beyond the gate of the predicted place
 CLEAR: Final = 2.0
 # tolerances, maximum difference from a usual value that is counted; larger differences are reduced to it, since a
 # single value may be far off if an arm is crossed over the body or a path is wrong
@@ -145,12 +146,13 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
     off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted
     place, divided by the gate (the distance within which the prediction supports the name); NaN without a prediction.
-    excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is the square root of
-    its value in ``off2``, to which the value of ``_off_head2`` is added before for hands and feet, plus at most
-    ``PREDICTION`` for the distance from the predicted place. A missed anchor costs ``MISSED``. An extremum beyond the
-    gate gets a name only if the name is clear: the extremum is at most ``CLEAR`` from the usual place of this anchor,
-    and not nearer to the usual place of another anchor. Every extremum is tried as the head, and also that the head is
-    missed; of these assignments, the assignment with the least cost is returned.
+    excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from
+    the anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is
+    the square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
+    missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if the name is clear: the difference
+    from the usual place of this anchor is at most ``CLEAR``, and no larger than from the usual place of any other
+    anchor. An assignment is computed for each extremum as the head, and for a missing head; the assignment with the
+    least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -204,15 +206,15 @@ class Anchors:
     place is never guessed.
     """
 
-    # (5,) int32, index into the surface, -1 = missed: the node nearest to the centre of the extremum's cap (the surface
-    # around it). Distances of other nodes from this node change from frame to frame half as much as their distances
-    # from the extremum.
+    # (5,) int32, index into the surface, -1 = missed: of the nodes of the extremum's cap (the surface around it), the
+    # node nearest to the cap's centre. Distances of other nodes from this node change from frame to frame half as much
+    # as their distances from the extremum.
     node: np.ndarray
     # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
     position_m: np.ndarray
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
-    # extrema that are no anchor although a limb ends there: the surface is not cut off at them, and hidden skin does
-    # not continue beyond them. The extremum farthest from the centre comes first
+    # extrema that got no name although a limb ends there: the surface is not cut off at them, and hidden skin does not
+    # continue beyond them. The extremum farthest from the centre comes first
     free: tuple[Cap, ...] = ()
 
     @property

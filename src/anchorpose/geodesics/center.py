@@ -1,10 +1,10 @@
 """Compute the geodesic distance of every node from the body's centre, and the paths along which this distance decreases
-from the ends of limbs to the trunk.
+from the ends of limbs to the centre.
 
 The paper measures from a single node, V_c (Section IV-B), so pieces of surface that are not connected to this node have
-no distance and no extremum (node farthest from the centre). Here the distance on such a separate piece, for example a
-forearm beyond a bar, is measured from the piece's node nearest to the other pieces. So the farthest node of the piece
-lies at the limb's end and not at the bar.
+no distance and no extremum (a node farther from the centre than all nodes around it). Here the distance on such a
+separate piece, for example a forearm beyond a bar, is measured from the piece's node nearest to the other pieces. So
+the farthest node of the piece lies at the limb's end and not at the bar.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class CenterField:
     measured.
     """
 
-    distance_m: np.ndarray  # (n,) float32, inf on pieces of less than ``LEAST_AREA_M2``
+    distance_m: np.ndarray  # (n,) float32, inf on pieces that show less than ``LEAST_AREA_M2`` of skin
     piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
     # (p,) int32, the node of each piece from which distances on the piece are measured: V_c on the main piece, -1 on a
     # piece that is too small

@@ -58,8 +58,9 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
 
     field (n,) float32: geodesic distance from the centre; nodes with the distance inf (not connected to the centre) are
     never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. This rule of the paper
-    is applied exactly, as follows. Each node that is farther from the centre than all its neighbours is a candidate.
-    From each candidate, a front spreads over the surface until it meets a node at least as far from the centre.
+    is applied exactly, as follows. Each seen node that is farther from the centre than all its seen neighbours is a
+    candidate. From each candidate, a front spreads over the surface, up to the distance ``radius_m``. If the front
+    meets a seen node that is at least as far from the centre, the candidate is not an extremum.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")

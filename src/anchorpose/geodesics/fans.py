@@ -136,8 +136,8 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 
 @njit(cache=True)
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
-    """Copy the values from which candidate distances are computed to the first k rows of the table, one row per active
-    node (k,) uint32, before the round changes any distance.
+    """Copy the values from which candidate distances are computed to the first k rows of the table, before the round
+    changes any distance. active (k,) uint32: the active nodes, one per row.
 
     distance, bend (n + 1,) float32: as in ``Front``.
     """
@@ -157,9 +157,9 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to row k of the table, to the columns from ``at`` on. The first columns get,
-    per lane, the value of the side in its left triangle (``LEFT``); the next columns, of the side in its right triangle
-    (``RIGHT``).
+    """Copy the values of the four sides to row k of the table, to the columns from ``at`` on. Per lane, the first
+    columns get the value of the side in the left triangle (``LEFT``), and the next columns the value of the side in the
+    right triangle (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e

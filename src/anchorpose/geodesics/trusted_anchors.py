@@ -198,8 +198,8 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""Maximum detour in metres that tracking may ignore: half of the jitter of anchors for which the gate for matches
-allows (``track_tree.hypotheses.GateConfig.anchor_bound_m``).
+"""Maximum detour in metres that tracking may ignore: half of the anchor jitter that the gate for matches allows
+(``track_tree.hypotheses.GateConfig.anchor_bound_m``).
 """
 
 

@@ -90,11 +90,12 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
     The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. The
-    pixel is foreground if this median exceeds two sigmas, measured along the ray (``BACKGROUND_GATE``). Where rays meet
-    the floor at a small angle, two sigmas along the ray are a centimetre of height, so even the sole of a shoe on the
-    floor is found. A pixel that is nearer than the room by more than ``JUMP_GATE`` sigmas is foreground for any median:
-    fingers and corners of the outline fill less than half of the window, so the median there may show the room. Where
-    the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
+    pixel is foreground if this median exceeds two sigmas, measured along the ray (``BACKGROUND_GATE``), and the pixel
+    itself is nearer than the room. Where rays meet the floor at a small angle, two sigmas along the ray are a
+    centimetre of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by more
+    than ``JUMP_GATE`` sigmas is foreground for any median: fingers and corners of the outline fill less than half of
+    the window, so the median there may show the room. Where the background is unknown, every reading counts as
+    foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)

@@ -126,9 +126,9 @@ def update_memory(
 ) -> BystanderMemory:
     """Update the memory by one more frame.
 
-    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin is forgotten if a camera sees past it,
-    that is, reads something farther away at its place. Clusters of skin that are too small for a person are dropped, so
-    that an arm or head with a wrong label does not keep this label.
+    Skin that is hidden from all cameras is remembered for ``MEMORY_S``. Skin that was not seen again is forgotten if it
+    lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``). Clusters of skin
+    that are too small for a person are dropped, so that an arm or head with a wrong label does not keep this label.
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)
@@ -149,7 +149,7 @@ def _hidden_since(
     elapsed_s: float,
 ) -> BystanderMemory:
     """Return the skin that was seen less than ``MEMORY_S`` ago, is not seen now, and may still be there: for every
-    camera, it lies outside the image or behind a nearer surface.
+    camera with a frame, it lies outside the image or behind a nearer surface.
     """
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))

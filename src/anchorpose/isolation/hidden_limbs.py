@@ -19,8 +19,8 @@ CLUTTER_PER_M3: Final = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenSkin:
-    """The predicted skin of limbs whose place is uncertain: too uncertain for the skin to decide, pixel by pixel, which
-    person a pixel shows.
+    """The predicted skin of limbs whose place is too uncertain for this skin to decide, pixel by pixel, which person a
+    pixel shows.
     """
 
     points_m: np.ndarray  # (n, 3), predicted points on the skin, metres in the world frame

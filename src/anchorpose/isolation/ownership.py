@@ -45,7 +45,7 @@ class LikelihoodGrid(NamedTuple):
     weight: np.ndarray  # (n,) float32 = 1 / sigma^2
     penalty: np.ndarray  # (n,) float32 = 2 log(sigma)
     start: np.ndarray
-    origin_m: np.ndarray  # (3,) float32, world, the corner of the first cell with the smallest coordinates
+    origin_m: np.ndarray  # (3,) float32, world, the first cell's corner, that is, its smallest x, y and z
     # (a, b, c) uint8, owner of the skin in a cell and the 26 cells around it: ``NOBODY``, a person's label or ``MIXED``
     around: np.ndarray
 

@@ -88,9 +88,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether the pixels with another person's label are a part of the patient. Three conditions must hold: most
-    of the pixels lie on the patient's predicted skin (``skin``, a KD-tree), they are connected to the patient's pixels,
-    and the pixels off this skin have too little area for a person.
+    """Return whether the pixels with ``label``, another person's label, are a part of the patient. Three conditions
+    must hold: most of the pixels lie on the patient's predicted skin (``skin``, a KD-tree), they are connected to the
+    patient's pixels, and the pixels off this skin have too little area for a person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -107,7 +107,7 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points_m (k, 3), owner (k,) and area_m2 (k,) of the ``wanted`` (n,) bool pixels in every third row and
-    column; each area is that of the nine pixels for which a pixel stands.
+    column; each area is nine times the pixel's own area, since the pixel stands for nine pixels.
     """
     chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]

@@ -75,7 +75,7 @@ class PatientChoice:
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
     reason: str  # text for users after "who", such as "stands within the equipment"
     # whether the choice is certain: the user named the patient, or the patient is in the equipment and nobody else is
-    # as likely to be the patient
+    # nearly as likely to be the patient
     sure: bool
     frame: int | None = None  # number of the frame in which the patient is there; None if the frame does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none

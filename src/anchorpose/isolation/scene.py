@@ -30,7 +30,7 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
-# m2, minimum area of a piece of people, that of a fingertip; smaller pieces are left out
+# m2, minimum area of a piece of the people's pixels, the area of a fingertip; smaller pieces are left out
 SMALLEST_PIECE_M2: Final = 0.0005
 # m above the lowest pixel of people, maximum height at which readings of feet may be missing: the height of an ankle,
 # plus the part of a foot that a recorder removes with the floor

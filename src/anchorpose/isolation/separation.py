@@ -41,8 +41,7 @@ FIRST_EARLIER_LABEL: Final = 128
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
-    """Label each camera's pixels by person in the frame with which tracking begins, without knowledge from other
-    frames.
+    """Label each camera's pixels by person in a single frame, without knowledge from other frames.
 
     The patient is the person nearest to the chosen place.
     """

@@ -63,7 +63,7 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 
 
 def _border_of_pixels(view: View) -> np.ndarray:
-    """Return the kind of border near each pixel (height, width) uint8 (``Border``). It is valid on the patient's
+    """Return the kind of border near each pixel (height, width) uint8 (``Border``). It is valid only on the patient's
     pixels, since only the surroundings of these pixels are examined.
     """
     whole = np.zeros(view.labels.shape, np.uint8)

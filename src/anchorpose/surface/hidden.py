@@ -2,12 +2,12 @@
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
 thigh. If two such parts are near a node, each part gives a candidate for the skin point that the node shows. Which
-candidate is chosen depends on the side of the crease between the parts on which the node lies (``contacts.py``).
+candidate is chosen depends on which side of the crease between the parts the node lies (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
 Such hidden skin is inferred, not measured. With hidden skin, shortest paths along the surface (geodesics) run as they
 would on the complete body. Hidden skin also shows whether a limb continues behind an object. Registration (which fits
-the body), track tree (which matches nodes from frame to frame) and images of the patient use only seen nodes.
+the body), the track tree (which matches nodes from frame to frame) and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations

@@ -74,8 +74,8 @@ class HypothesisWorker:
         patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
-        # not forked: a forked process would have copies of locks that threads of the server hold and never release
-        # there
+        # not forked: a forked process would have copies of the locks that threads of the server hold at this moment,
+        # and no thread would release these copies
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)

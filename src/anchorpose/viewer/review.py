@@ -287,8 +287,8 @@ def locked(path: Path) -> Iterator[None]:
 
 
 class CorrectedMeanwhile(ValueError):
-    """The refusal of a correction because the valid correction of the same joint, or of the patient, was replaced or
-    withdrawn after the page showed it to the reviewer.
+    """The refusal of a correction because the valid correction of the same joint, or of the patient, is not the one
+    that the page showed to the reviewer: it was added, replaced or withdrawn meanwhile.
 
     current: all corrections at present.
     """
