@@ -1,4 +1,5 @@
-"""Find 21 joints of a patient in depth recordings without markers, each joint with its state and uncertainty.
+"""Find 21 joints of a patient in recordings of depth cameras, without markers on the body. Each joint has a state and
+an uncertainty.
 
 A program can call ``track`` on a recording, ``open`` its results, or pass single frames to a ``Tracker``
 (docs/python.md). A public name of the package is imported when a program first uses the name; ``__init__.pyi`` declares
@@ -48,7 +49,7 @@ __all__ = [
 
 
 def _is_writable(folder: str) -> bool:
-    """Return whether files can be written in a folder, or a missing folder be made."""
+    """Return whether files can be written in a folder or, if the folder is missing, whether it can be made."""
     folder = os.path.abspath(folder)
     while not os.path.exists(folder) and folder != os.path.dirname(folder):
         folder = os.path.dirname(folder)
@@ -56,21 +57,23 @@ def _is_writable(folder: str) -> bool:
 
 
 def _choose_kernel_cache() -> None:
-    """Name a folder for numba's compiled kernels in NUMBA_CACHE_DIR if this variable is not set and numba can write
-    neither beside the modules nor in the user's cache folder, as in a container: no kernel could be imported then.
+    """Set NUMBA_CACHE_DIR to a folder for numba's compiled functions (kernels) if this variable is not set and numba
+    can write neither beside the modules nor in the user's cache folder, as in a container. Without such a folder, no
+    kernel could be imported.
     """
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     if os.environ.get("NUMBA_CACHE_DIR") or _is_writable(os.path.dirname(__file__)) or _is_writable(user_cache):
         return
     try:
         os.environ["NUMBA_CACHE_DIR"] = _make_kernel_cache()
-    except OSError:  # no folder at all can be written; numba reports it if a kernel is imported
+    except OSError:  # no folder at all can be written; numba reports this when a kernel is imported
         return
 
 
 def _make_kernel_cache() -> str:
-    """Make a folder among the temporary files that only this user can write to, since loading a kernel runs its code;
-    return its path, which stays the same from run to run unless another user has taken it.
+    """Make a folder among the temporary files and return its path. Only this user can write to the folder, since a
+    program that loads a kernel runs the kernel's code. The path stays the same from run to run unless another user has
+    made a folder of this name.
     """
     import tempfile
 

@@ -13,7 +13,9 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """One camera of a recording. In its frame x points right, y down and z away from the camera (OpenCV); metres."""
+    """One camera of a recording. In the camera's coordinate frame, x points right, y down and z away from the camera,
+    as in OpenCV; the unit is the metre.
+    """
 
     name: str
     width: int
@@ -28,7 +30,9 @@ class Camera:
         return self.require_pose()[:3, 3]
 
     def require_pose(self) -> np.ndarray:
-        """Return T_world_camera; raises ValueError if it is unknown, since stages must not assume a pose."""
+        """Return T_world_camera, the camera's pose. Raises ValueError if the pose is unknown, since no stage of the
+        pipeline may assume a pose.
+        """
         if self.T_world_camera is None:
             raise ValueError(f"the pose of camera {self.name} is unknown")
         return self.T_world_camera
@@ -40,13 +44,15 @@ class Camera:
         return float(self.pixel_of(transform_points(invert_rigid(self.require_pose()), places_m))[2].mean())
 
     def pixel_rays(self) -> np.ndarray:
-        """Return the ray of each pixel (height, width, 2) float32, read only: x/z and y/z in the camera frame; NaN
-        beyond the lens's valid radius.
+        """Return the ray (line of sight) of each pixel (height, width, 2) float32, as x/z and y/z in the camera frame;
+        NaN beyond the lens's valid radius. The array is read only.
         """
         return _pixel_rays(self.intrinsics, self.width, self.height)
 
     def valid_pixels(self) -> np.ndarray:
-        """Return (height, width) bool, read only: pixels within the lens's valid radius, which have a ray."""
+        """Return (height, width) bool, read only: whether a pixel lies within the lens's valid radius, so that it has a
+        ray.
+        """
         return _valid_pixels(self.intrinsics, self.width, self.height)
 
     def back_project(self, depth_m: np.ndarray) -> np.ndarray:

@@ -17,7 +17,9 @@ def without_password(text: str) -> str:
 
 
 def is_utf8(text: str) -> bool:
-    """Return whether a text can be written in UTF-8; file names and arguments may hold bytes that are not text."""
+    """Return whether a text can be written in UTF-8. Names of files and arguments of commands may contain bytes that
+    are not valid text.
+    """
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -29,12 +31,13 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # so that an error of a worker process can be pickled, although ``args`` are not the arguments of ``__init__``
+        # this allows an error of a worker process to be pickled, although ``args`` are not the arguments of
+        # ``__init__``
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class InputError(AnchorposeError):
-    """The error for a file that cannot be used: the file's path, the problem and the remedy."""
+    """The error for a file that cannot be used. It states the file's path, the problem and the remedy."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
         self.path, self.problem, self.remedy = Path(without_password(str(path))), without_password(problem), remedy
@@ -43,7 +46,9 @@ class InputError(AnchorposeError):
 
 
 class MissingPackage(AnchorposeError):
-    """The error for an optional package that is not installed: the purpose of the package, and how to install it."""
+    """The error for an optional package that is not installed. It states the purpose of the package, and how to install
+    it.
+    """
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         self.package, self.extra = package, extra

@@ -84,7 +84,9 @@ class JointState(StrEnum):
 
 
 STATE_CODE: Final = {state: code for code, state in enumerate(JointState)}
-"""Code of each state in arrays, from 0 (observed) to 6 (lost). Less well known joints have larger codes."""
+"""Code of each state in arrays, from 0 (observed) to 6 (lost). The less is known about a joint, the larger the code of
+its state.
+"""
 
 STATE_NAMES: Final = tuple(str(state) for state in JointState)
 """Names of the states in the order of their codes."""

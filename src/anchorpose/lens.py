@@ -1,8 +1,8 @@
 """Convert rays to pixels and pixels to rays by OpenCV's lens models (docs.opencv.org, calib3d and fisheye).
 
-A ray is given by x/z and y/z in the camera frame. A lens model is valid up to the radius at which its polynomial stops
-being monotonic or the maker's guarantee ends. Pixels beyond the valid radius have no ray (NaN), and rays beyond it have
-no pixel.
+A ray (line of sight) is given by x/z and y/z in the camera's coordinate frame. A lens model is valid up to the radius,
+sqrt(x² + y²) / z of a ray, at which its polynomial stops being monotonic or the maker's guarantee ends. Pixels beyond
+the valid radius have no ray (NaN), and rays beyond it have no pixel.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ NAMES: Final = {
 """The names of each model's coefficients in OpenCV's order, for messages."""
 
 WIDEST: Final = 8.0  # maximum sqrt(x² + y²) / z of a ray: 83 degrees off the axis, wider than any depth camera's image
-_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as numbers for a lens array
+_PLAIN, _RADIAL, _TILTED, _FISHEYE = 0.0, 1.0, 2.0, 3.0  # kinds of lens, as numbers in a lens array (``lens_array``)
 _KIND, _RADIUS, _K, _TILT = 4, 5, 6, 18  # indices in a lens array: kind, valid radius, coefficients, tilt matrix
-_SIZE: Final = 27  # length of a lens array
+_SIZE: Final = 27  # number of entries of a lens array (``lens_array``)
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
 # pixels, maximum distance of a ray's projection from the pixel at which Newton's method has found the pixel's ray
 _EXACT_PX: Final = 1e-6
-# Column and row of a ray without a pixel, far outside every image. NaN is not used, since compiled code converts them
-# to integers.
+# Column and row of a ray without a pixel, far outside every image. NaN is not used, since compiled code converts the
+# coordinates to integers.
 NOWHERE: Final = -1e6
-_SLOPE: Final = 1e-6  # step of x/z or y/z with which the derivative of the projection is computed numerically
+_SLOPE: Final = 1e-6  # step in x/z or y/z of a ray, with which the derivative of the projection is computed numerically
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +71,8 @@ class Intrinsics:
 
 @lru_cache(maxsize=32)
 def lens_array(lens: Intrinsics) -> np.ndarray:
-    """Return the lens (27,) float64, read only, for compiled code: fx, fy, cx, cy, then further values for
-    ``pixel_of_ray``.
+    """Return the parameters of a lens as an array (27,) float64, read only, for compiled code: fx, fy, cx, cy, then
+    further values for ``pixel_of_ray``.
     """
     array = np.zeros(_SIZE)
     array[:4] = lens.fx, lens.fy, lens.cx, lens.cy
@@ -106,8 +106,8 @@ def _tilt(about_x: float, about_y: float) -> np.ndarray:
 
 
 def _turning_point(array: np.ndarray) -> float:
-    """Return the radius of a ray beyond which rays with a larger radius have pixels nearer to the centre; ``WIDEST`` if
-    no such radius exists.
+    """Return the radius of a ray, sqrt(x² + y²) / z, beyond which the model is invalid: there, rays with a larger
+    radius have pixels nearer to the image's centre. Return ``WIDEST`` if no such radius exists.
     """
     if array[_KIND] == _PLAIN:
         return WIDEST
@@ -119,8 +119,8 @@ def _turning_point(array: np.ndarray) -> float:
 
 @njit(cache=True, nogil=True)
 def _radial(radius: float, lens: np.ndarray) -> float:
-    """Return the distance of a ray's pixel from the optical axis, in focal lengths, by the radial coefficients alone;
-    -1 where the model is undefined. radius: sqrt(x² + y²) / z of the ray.
+    """Return the distance of a ray's pixel from the optical axis, in focal lengths, computed from the radial
+    coefficients alone; -1 where the model is undefined. radius: sqrt(x² + y²) / z of the ray.
     """
     k = lens[_K:]
     if lens[_KIND] == _FISHEYE:
@@ -189,8 +189,9 @@ def rays_of_pixels(lens: Intrinsics, width: int, height: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _rays(lens: np.ndarray, radius: np.ndarray, seen: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Find the pixels' rays by Newton's method, which starts at the ray that the radial coefficients alone give. radius
-    (k,): radii of rays, from zero up; seen (k,): ``_radial`` of these radii.
+    """Return the ray of each pixel (height, width, 2), found by Newton's method, which starts at the ray that the
+    radial coefficients alone give; NaN without a ray. radius (k,): radii of rays, from zero up; seen (k,): the value of
+    ``_radial`` for each of these radii.
     """
     rays = np.full((height, width, 2), np.nan)
     for row in range(height):

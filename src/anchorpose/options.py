@@ -1,7 +1,7 @@
-"""Declare settings that are options of the command line, and the ranges of their numbers.
+"""Declare settings that users give as options on the command line, and the allowed ranges of their numbers.
 
-The text below a field is the help text of its option. No numerical library is imported here, so that help appears at
-once.
+The text below a field is the help text of its option. No numerical library is imported here: importing such a library
+takes time, and help should appear at once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cyclopts.validators import Number
 from anchorpose.errors import AnchorposeError
 
 DAY_S: Final = 86_400.0
-TALLEST_M: Final = 3.0  # m, maximum height of a person that is accepted
+TALLEST_M: Final = 3.0  # m, maximum height of a person that is accepted from the user
 FARTHEST_M: Final = 100.0
 """Maximum accepted coordinate in m; no room is larger, and places given in millimetres by mistake exceed it."""
 
@@ -32,24 +32,26 @@ MOST_PROCESSES: Final = 1024
 LARGEST_SEED: Final = 2**63 - 1
 LARGEST_PORT: Final = 65535
 
-COMMAND_LINE: Final = "cli"  # cyclopts's name for the source of a token on the command line
+COMMAND_LINE: Final = "cli"  # cyclopts's name for the command line as the source of a token (the text of a value)
 OUTPUT: Final = Parameter(name=["--output", "-o"])
-SIGNED: Final = Parameter(allow_leading_hyphen=True)  # a text that may begin with a minus
+SIGNED: Final = Parameter(allow_leading_hyphen=True)  # declaration of an option whose value may begin with a minus sign
 
 
 def positive(most: float) -> Parameter:
-    """Return the declaration of a numeric option above zero and up to ``most``; NaN is refused as well."""
+    """Return the declaration of a numeric option whose value must be above zero and at most ``most``; NaN is refused,
+    too.
+    """
     return Parameter(validator=Number(gt=0, lte=most), converter=_as_number)
 
 
 def between(least: float, most: float) -> Parameter:
-    """Return the declaration of a numeric option from ``least`` to ``most``, both allowed."""
+    """Return the declaration of a numeric option whose value must be from ``least`` to ``most``, limits included."""
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_number)
 
 
 def whole(least: int, most: int) -> Parameter:
-    """Return the declaration of an option that is a whole number from ``least`` to ``most``; cyclopts alone would round
-    1.7 to 2.
+    """Return the declaration of an option that is a whole number from ``least`` to ``most``. Other numbers are refused;
+    cyclopts alone would round 1.7 to 2.
     """
     return Parameter(validator=Number(gte=least, lte=most), converter=_as_whole)
 
@@ -62,7 +64,9 @@ def _as_number(kind: Any, tokens: Sequence[Token]) -> float:
 
 
 def plain_number(text: str) -> float:
-    """Parse a number in ASCII digits, without underscores between them; raises ValueError also for NaN."""
+    """Parse a number written in ASCII characters without underscores. Raises ValueError for a text that is not such a
+    number, and for NaN.
+    """
     number = float(text)
     if "_" in text or not text.isascii() or math.isnan(number):
         raise ValueError
@@ -78,8 +82,8 @@ def _as_whole(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 def _shown(token: Token) -> str:
-    """Return a value as an error message shows it, with the name of the settings file if the value comes from such a
-    file.
+    """Return the value that a user gave, in the form in which an error message shows it: with the name of the settings
+    file if the value comes from such a file.
     """
     return f'"{token.value[:40]}"' + (f" from {token.source}" if token.source != COMMAND_LINE else "")
 

@@ -1,4 +1,5 @@
-"""Run the stages in their order: from a recording folder to a results folder, or to calibration.json and pictures.
+"""Run the stages in their order: from a folder with a recording to a folder with results, or to calibration.json and
+pictures of the calibration.
 
 recording -> descriptor -> calibration -> isolation -> surface -> geodesics -> motion -> body -> results -> report
 
@@ -55,15 +56,17 @@ def track_recording(
 ) -> None:
     """Track the patient through a recording and write everything into an existing results folder.
 
-    The results folder is empty, or holds the journal of a stopped run. Such a run is resumed, and the tables are the
-    same as without the stop.
+    The results folder is empty, or contains the journal (intermediate results) of a run that was stopped. Such a run is
+    resumed, and its tables are the same as the tables of a run that was not stopped.
 
-    progress is called with (done, total) frames; a frame counts each time it is processed, for example twice if the
-    body is learnt from it. calibration: a calibration.json whose poses replace the given or found poses. corrections: a
-    reviewer's corrections of earlier results. events: an events.tsv with the trials, in place of the recording's own.
-    threads: number of threads that share the work on a frame (its cameras, people and tried poses); the tables have the
-    same bytes with any number of threads. Linear algebra runs on one thread, since several threads would add the terms
-    of a sum in a varying order. Raises InputError if the recording cannot be used.
+    progress is called with (done, total), two numbers of frames. A frame counts each time it is processed: for example
+    twice if the patient's body is also learnt from it. calibration: a calibration.json whose camera poses replace the
+    poses that the recording gives or that tracking would find. corrections: a file with a reviewer's corrections of
+    earlier results of this recording. events: an events.tsv with the trials, which replaces the recording's own
+    events.tsv. threads: number of threads that share the work on a frame (its cameras, people and tried poses); the
+    tables have the same bytes with any number of threads. Linear algebra runs on one thread, since several threads
+    would add the terms of a sum in a varying order and so change the last digits. Raises InputError if the recording
+    cannot be used.
     """
     with one_thread(), worker_threads(threads):
         _track(recording, results, config, progress, UserInputs(calibration, corrections, events))
@@ -108,8 +111,8 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
 
 
 def _frame_counts(recording: Recording, config: TrackConfig) -> tuple[int, int]:
-    """Return the number of frames to track, and the approximate number of frames that are read before tracking, to
-    learn the patient's body.
+    """Return the number of frames to track, and the approximate number of frames that are read before tracking to learn
+    the patient's body.
     """
     time_s = recording.streams[0].time_s[config.start : config.stop]
     return len(time_s), int((time_s <= time_s[0] + config.learning.window_s).sum())
@@ -134,8 +137,9 @@ def calibrate_recording(
 
     ignore_given: whether to ignore the camera poses that the recording gives, and to find these poses too. markers: a
     markers.json; cameras with an image of the markers are placed by the markers, and the poses of the other cameras are
-    found in the same world. Contradictions between a pose and what the cameras see are noted, or refused, as by
-    ``track_recording``. Raises InputError if the recording cannot be used or a pose is not accepted.
+    found in the same world. Minor contradictions between the poses and the depth images are noted in the calibration; a
+    given pose that cannot be correct is refused, as by ``track_recording``. Raises InputError if the recording cannot
+    be used or a pose is not accepted.
     """
     with one_thread():
         opened = open_recording(recording)

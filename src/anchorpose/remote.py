@@ -1,4 +1,5 @@
-"""Copy recordings and results at addresses that fsspec knows (sftp://, s3://, gs://), to work on them locally.
+"""Copy recordings and results from and to addresses (URLs) of servers that the package fsspec knows (sftp://, s3://,
+gs://), so that the program works on local files.
 
 Tracking reads every image more than once and writes tables continuously, so a local copy is faster than a stream.
 """
@@ -25,7 +26,8 @@ EXTRAS: Final = {
 }
 """For each kind of address, the Python package that reads it and the extra of anchorpose that installs this package."""
 
-OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))  # kinds of address of object stores, which have no folders
+# kinds of address of object stores (servers that store files by name, without folders)
+OBJECT_STORES: Final = frozenset(("s3", "s3a", "gs", "gcs"))
 
 
 def is_address(text: object) -> bool:
@@ -39,14 +41,17 @@ def name_of(address: str) -> str:
 
 
 def parts_of(address: str) -> tuple[str, ...]:
-    """Return host and folders of an address, without user and password."""
+    """Return the parts of an address (host, folders, name of the file or folder), without user, password and query; if
+    it has no parts, return ("recording",).
+    """
     place = without_password(address).partition("://")[2].partition("?")[0].strip("/")
     return tuple(part for part in re.sub(r"^[^/]*@", "", place).split("/") if part) or ("recording",)
 
 
 @contextmanager
 def local_copy(given: str | Path) -> Iterator[Path]:
-    """Yield a given path unchanged; for an address, yield a local copy of the same name, removed after the block.
+    """If ``given`` is a path, yield it unchanged; for an address, yield a local copy with the same name, which is
+    removed after the ``with`` block.
 
     Raises InputError if the address is empty or cannot be read, MissingPackage if the package that reads this kind of
     address is not installed.
@@ -80,8 +85,8 @@ def _inside(address: str, file: str, place: str) -> tuple[str, ...]:
 
 @contextmanager
 def local_results(given: str | Path) -> Iterator[Path]:
-    """Yield the given path itself. For an address, yield the path of a local folder to be written, whose content is
-    copied to the address when the block ends without an error.
+    """If ``given`` is a path, yield it unchanged. If it is an address, yield the path of a local folder to be written,
+    whose content is copied to the address when the block ends without an error.
 
     The folder is copied under a temporary name and then renamed. An address that exists already is refused before any
     work, and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
@@ -100,7 +105,7 @@ def local_results(given: str | Path) -> Iterator[Path]:
             try:
                 system.put(f"{made}/", f"{partial}/", recursive=True)
             except BaseException:
-                with suppress(Exception):  # an error while cleaning up must not hide the first error
+                with suppress(Exception):  # an error while the partial copy is removed must not hide the first error
                     system.rm(partial, recursive=True)
                 raise
             _rename(system, partial, place)
@@ -115,7 +120,9 @@ def _new_place(address: str) -> Iterator[tuple[Any, str]]:
 
 
 def _rename(system: Any, source: str, target: str) -> None:
-    """Rename a folder in a single step. An object store has no folders: every file is copied, then deleted."""
+    """Rename a folder, in a single step if possible. An object store has no folders: there, every file is copied to its
+    new name, then deleted under its old name.
+    """
     if OBJECT_STORES.isdisjoint((system.protocol,) if isinstance(system.protocol, str) else system.protocol):
         system.mv(source, target, recursive=True)
         return

@@ -1,7 +1,7 @@
 """Compute rotations and directions: rotation vectors (axis times angle, radians), matrices, quaternions, unit vectors.
 
-Functions that tracking calls for a few bones at a time are compiled, since scipy's Rotation would check its input at
-every call, which takes time.
+Functions that tracking calls very often, each time for a few bones, are compiled here. scipy's Rotation is not used for
+them, since it checks its input at every call, which takes time.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from anchorpose.errors import DegenerateGeometry
 FORWARD, UP, RIGHT = np.eye(3)
 """Unit vectors (3,) along the world's axes x, y and z, or along the axes of a body's own frame."""
 
-# maximum ratio of the second to the first singular value of their covariance, for points to count as collinear
+# maximum ratio of the second to the first singular value of the covariance of two sets of points, for the points to
+# count as collinear
 COLLINEAR_RATIO: Final = 1e-3
-ONE_PLACE_M2: Final = 1e-12  # m2; points also count as collinear up to this second singular value: (1 micrometre)²
+# m2, (1 micrometre)²; points also count as collinear if the second singular value is at most this, whatever the ratio
+# is
+ONE_PLACE_M2: Final = 1e-12
 
 
 def unit(vectors: np.ndarray, axis: int = -1) -> np.ndarray:
-    """Scale vectors to length one. axis: the array axis of their components. The result is NaN where a vector has
-    length zero.
+    """Return the vectors, scaled to length one. axis: the axis of the array along which the components of a vector lie.
+    The result is NaN where a vector has length zero.
     """
     length = np.linalg.norm(vectors, axis=axis, keepdims=True)
     return vectors / np.where(length > 0, length, np.nan)
@@ -51,7 +54,8 @@ def rigid(turn: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
 
 
 def turns(vectors: np.ndarray) -> np.ndarray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), computed by numpy.
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3), computed by numpy and not by compiled
+    code.
 
     Simulations use this function, so that simulated values are always the same to the last digit; the compiled
     ``rotation_matrices`` may differ in this digit.
@@ -98,12 +102,12 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
-    """Fill the matrices by Rodrigues' formula."""
+    """Write the rotation matrices of rotation vectors (m, 3) to ``matrices`` (m, 3, 3), by Rodrigues' formula."""
     for m in range(len(vectors)):
         x, y, z = vectors[m, 0], vectors[m, 1], vectors[m, 2]
         squared = x * x + y * y + z * z
         angle = np.sqrt(squared)
-        if angle < 1e-4:  # a Taylor series, since the quotients lose digits at small angles
+        if angle < 1e-4:  # at small angles, a Taylor series is used, since the quotients below lose digits there
             sine, versine = 1.0 - squared / 6.0, 0.5 - squared / 24.0
         else:
             sine, versine = np.sin(angle) / angle, (1.0 - np.cos(angle)) / squared
@@ -116,8 +120,9 @@ def _matrices(vectors: np.ndarray, matrices: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
-    """Compute rotation vectors by way of unit quaternions; a quaternion's largest component is computed first, to keep
-    all digits (Shepperd 1978, doi:10.2514/3.55767b).
+    """Write the rotation vectors of ``matrices`` (m, 3, 3) to ``vectors`` (m, 3). They are computed by way of unit
+    quaternions; the largest component of each quaternion is computed first, which keeps the result precise (Shepperd
+    1978, doi:10.2514/3.55767b).
     """
     q = np.empty(4)
     for m in range(len(matrices)):
@@ -147,8 +152,9 @@ def _vectors(matrices: np.ndarray, vectors: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True)
 def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
-    """Fill ``change`` (3, 3) with J of ``log(exp(d) exp(w)) = w + J d`` to first order, where w is ``vector`` (Barfoot
-    2017, doi:10.1017/9781316671528).
+    """Write to ``change`` (3, 3) the inverse left Jacobian J at the rotation vector w (``vector``): a small rotation d,
+    applied after w, changes w by J d, that is, ``log(exp(d) exp(w)) = w + J d`` to first order (Barfoot 2017,
+    doi:10.1017/9781316671528).
     """
     squared = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
     angle = np.sqrt(squared)
@@ -166,10 +172,10 @@ def inverse_left_jacobian(vector: np.ndarray, change: np.ndarray) -> None:
 def fit_rigid_transform(source_m: np.ndarray, target_m: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Return the rigid motion that best maps source_m onto target_m, by least squares.
 
-    source_m, target_m : (n, 3) float64, metres. Row i of one matches row i of the other. weight (n,): the weight of
-    each row, not negative; None for equal weights. Returns T_target_source : (4, 4). Raises DegenerateGeometry when the
-    points are collinear or fewer than three. Source: Arun et al. 1987 (doi:10.1109/TPAMI.1987.4767965), reflections
-    excluded.
+    source_m, target_m : (n, 3) float64, metres. Row i of ``source_m`` corresponds to row i of ``target_m``. weight
+    (n,): the weight of each row, not negative; None for equal weights. Returns T_target_source : (4, 4). Raises
+    DegenerateGeometry when the points are collinear or fewer than three. Source: Arun et al. 1987
+    (doi:10.1109/TPAMI.1987.4767965), reflections excluded.
     """
     if len(source_m) < 3:
         raise DegenerateGeometry(f"{len(source_m)} points do not determine a rigid motion")

@@ -1,4 +1,6 @@
-"""Declare and check settings and files, and explain an invalid value in one sentence."""
+"""Declare the allowed values of settings and files, check them, and explain an invalid value to the user in one
+sentence.
+"""
 
 from __future__ import annotations
 
@@ -41,9 +43,10 @@ def settings(cls: type[Class]) -> type[Class]:
 
 
 class Unfit(ValueError):
-    """The error for a setting of the right type whose value cannot be used; it holds the problem and the remedy.
+    """The error for a setting that has the right type but a value that cannot be used. It states the problem and the
+    remedy.
 
-    key: name of the field concerned, needed if the object with this field was checked as a whole.
+    key: name of the field with this value. It is needed if the object that contains the field was checked as a whole.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:
@@ -61,8 +64,9 @@ def nearest_key(unknown: str, known: Iterable[str]) -> str | None:
 def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
     """Return the first problem of a failed validation, with its place such as ``cameras[0].name``, and the remedy.
 
-    kind: the type that was expected, which has the names and descriptions of the allowed fields. An unknown name is
-    reported first, since it may be the misspelt name of a missing field.
+    kind: the expected type, from which the names and descriptions of the allowed fields are taken. If several problems
+    were found, an unknown name is reported first, since it may be the misspelt name of a field that is reported as
+    missing.
     """
     unknown = ("extra_forbidden", "unexpected_keyword_argument")
     found = min(error.errors(include_url=False), key=lambda one: one["type"] not in unknown)
@@ -94,7 +98,7 @@ def explain(error: ValidationError, kind: Any = None) -> tuple[str, str]:
 
 
 def sentence_of(error: ValueError) -> str:
-    """Explain an impossible setting in one sentence without a full stop."""
+    """Return a sentence, without a full stop, that explains why a setting was refused."""
     return "; ".join(explain(error)) if isinstance(error, ValidationError) else str(error)
 
 
@@ -122,7 +126,8 @@ def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[
             continue
         declared = {name: hint for owner in owners for name, hint in _fields(owner).items()}
         tagged = [owner for owner in owners if _is_tag(step, owner)]
-        # pydantic adds the tag of a union to the place, although the tag is not a key of the file
+        # pydantic adds the tag (which type of a union it tried) to the place of an error, although the tag is not a key
+        # of the file
         if step not in declared and tagged:
             owners = tagged
             continue
@@ -145,15 +150,15 @@ def _classes_in(hint: Any) -> list[type]:
 
 @cache
 def _fields(owner: type) -> dict[str, Any]:
-    """Return the annotation of every field by the field's name in the file."""
+    """Return the type annotation of every field of a class, by the name that the field has in a file."""
     hints = get_type_hints(owner, include_extras=True)
     names = owner.model_fields if issubclass(owner, BaseModel) else [field.name for field in fields(cast("Any", owner))]
     return {_stated(hints[name], "alias") or name: hints[name] for name in names}
 
 
 def _stated(hint: Any, what: str) -> str:
-    """Return a text of an annotation, by its kind ``what`` ("alias" or "description"); empty if the annotation has no
-    such text.
+    """Return the text of the kind ``what`` ("alias" or "description") that a field's type annotation contains; empty if
+    it contains no such text.
     """
     own = [text for part in getattr(hint, "__metadata__", ()) if (text := getattr(part, what, None))]
     return own[0] if own else next((text for part in get_args(hint) if (text := _stated(part, what))), "")

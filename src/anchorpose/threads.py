@@ -1,8 +1,8 @@
 """Control the number of threads. Results never depend on this number.
 
 Linear algebra and OpenCV use a single thread, so that sums are added in a fixed order and always give the same bytes.
-Work on single cameras or people may be shared among threads: each result is computed by one thread alone, and the
-results are joined in a fixed order.
+Work that concerns a single camera or person may be done by another thread at the same time as other such work: each
+result is computed by one thread alone, and the results are joined in a fixed order.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 
-_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)  # None: only the caller's thread works
+# the threads that share the work; None: the caller's thread does all work
+_WORKERS: Final = ContextVar[ThreadPoolExecutor | None]("workers", default=None)
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Keep linear algebra and OpenCV on one thread within the ``with`` block. OpenCV's own threads are not used, since
-    they wait longer than they work.
+    they would wait longer than they work.
     """
     import cv2
 

@@ -26,8 +26,8 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.room import NO_REVIEW, Review, require_frames, review_of
 from anchorpose.versions import code_digest, versions
 
-# Maximum distance in m between two stated places of the patient that count as the same, since places are printed to the
-# centimetre.
+# Maximum distance in m between two stated places of the patient that count as the same place; places are printed to the
+# centimetre, so a copied place may differ by this much.
 SAME_PLACE_M: Final = 0.01
 
 
@@ -42,7 +42,7 @@ class UserInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewFile:
-    """A reviewer's file of corrections as read, with its hash."""
+    """The content of a reviewer's file of corrections, with the file's path and hash at the time of reading."""
 
     path: Path
     sha256: str
@@ -53,10 +53,10 @@ class ReviewFile:
 class TrackInputs:
     """The checked inputs of ``track``.
 
-    recording: the recording with the height and camera poses that the user gave; config: settings that include the
-    patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the reference movements and
-    of the events; review_file: None without corrections; pose_source: where the camera poses come from if they replace
-    the recording's, else None; trials: None without events.
+    recording: the recording, with the patient's height and the camera poses that the user gave; config: the settings,
+    with the place of the patient whom a reviewer named; sha256: (path, hash) of every file of the recording, of the
+    reference movements and of the events; review_file: None without corrections; pose_source: where the camera poses
+    come from if they replace the recording's, else None; trials: None without events.
     """
 
     recording: Recording
@@ -69,8 +69,8 @@ class TrackInputs:
 
     @property
     def identity(self) -> str:
-        """Return a SHA-256 in hex of everything on which joints and measures depend: inputs, settings, camera poses,
-        corrections, code and libraries.
+        """Return a SHA-256 (as a hexadecimal text) that identifies everything on which joints and measures depend:
+        inputs, settings, camera poses, corrections, code and libraries.
         """
         review = "" if self.review_file is None else self.review_file.sha256
         poses = [camera.T_world_camera for camera in self.recording.cameras]
@@ -87,7 +87,8 @@ class TrackInputs:
 def read_inputs(
     folder: Path, config: TrackConfig, user: UserInputs, known: Mapping[str, str] = MappingProxyType({})
 ) -> TrackInputs:
-    """Read and check all inputs. known: SHA-256 of files of the recording, by path, that need not be hashed.
+    """Read and check all inputs. known: by path, the SHA-256 of files of the recording whose hash is known already, so
+    that they need not be hashed again.
 
     Raises InputError if the recording cannot be used, or if a user's file does not belong to the recording.
     """
@@ -118,7 +119,9 @@ def _read_events(recording: Recording, given: Path | None) -> Trials | None:
 
 
 def _hash_given(events: Path | None) -> tuple[tuple[str, str], ...]:
-    """Return name and hash of an events file that the user gave, and of the file beside it with the units."""
+    """Return the name and hash of an events file that the user gave, and of the file beside it that states units, if it
+    exists.
+    """
     if events is None:
         return ()
     files = [file for file in (events, sidecar_of(events)) if is_there(file)]
@@ -143,7 +146,7 @@ def _hash_inputs(recording: Recording, config: TrackConfig, known: Mapping[str, 
 
 def _in_world_of(corrections: Corrections, recording: Recording) -> Recording:
     """Return the recording with the camera poses of the results that a reviewer corrected. So the poses need not be
-    found again, and places in the corrections stay valid even if another person is named as the patient.
+    found again, and places in the corrections stay valid even if the reviewer names another person as the patient.
     """
     poses = corrections.recording.poses
     cameras = tuple(replace(camera, T_world_camera=poses.get(camera.name)) for camera in recording.cameras)

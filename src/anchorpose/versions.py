@@ -34,7 +34,7 @@ def code_digest(leave_out: tuple[str, ...] = ()) -> str:
     """Return a SHA-256 in hex of the package's modules, .npz files and learnt weights.
 
     Files whose path starts with one of ``leave_out`` are left out. Equal digests mean equal code. Equal version numbers
-    do not: the code changes between releases, and a copy may be modified.
+    do not mean equal code: the code changes between releases, and a user may modify a copy.
     """
     root, digest = Path(__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*")):

@@ -1,4 +1,6 @@
-"""Turn tracked frames into a finished results folder: tables, angles and measures, pictures, run.json, the report."""
+"""Write a complete results folder from tracked frames: tables, angles and measures, pictures, run.json (the record of
+the run), and the report.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,8 @@ def write_results(
 ) -> None:
     """Write all results of ``frames``, which come in the order of time, into an existing folder.
 
-    Only frames with depth images in the run's recording get pictures. learnt: the patient's body; None if unknown.
+    Pictures are made only of frames that have depth images in the run's recording. learnt: the patient's learnt body;
+    None if no body was learnt.
     """
     written = _write_frames(results, frames, run)
     shape = None if learnt is None else learnt.shape
@@ -129,9 +132,10 @@ def _write_frames(results: Path, frames: Iterable[TrackedFrame], run: Run) -> Wr
 class Written:
     """Data for run.json that are collected while the tables are written.
 
-    association: share of the track tree's nodes that were matched, by frame; dropped: frames or depth images that were
-    not used; lost: intervals without the patient; poor_depth: intervals in which a camera's depth is too poor to locate
-    joints; explained: how well the poses explain the depth images.
+    association: per frame, the share of the followed nodes (points of the patient's surface) that were matched in the
+    next frame; dropped: frames or depth images that were not used; lost: intervals in which the patient was not found;
+    poor_depth: intervals in which a camera's depth is too poor to locate joints; explained: how well the poses explain
+    the depth images.
     """
 
     association: MatchedShares
@@ -142,8 +146,8 @@ class Written:
 
 
 def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
-    """Return the record of a reviewer's corrections, with a sentence on each corrected joint that is not at its
-    corrected position in the results.
+    """Return the record of a reviewer's corrections for run.json, with a sentence on each joint that the reviewer
+    corrected but that is not at its corrected position in the results.
     """
     corrections = given.corrections
     sentences = tuple(text for text in (_why_not(one, joints) for one in corrections.joints) if text)
@@ -152,7 +156,9 @@ def outcome_of(given: ReviewFile, joints: JointTable) -> CorrectionsRecord:
 
 
 def _why_not(correction: JointCorrection, joints: JointTable) -> str | None:
-    """Return the reason why a joint is not where the reviewer placed it; None if it is there."""
+    """Return a sentence on why a joint is not where the reviewer placed it; None if the joint is there, within the
+    uncertainty.
+    """
     said, joint = f"{correction.joint} in frame {correction.frame}", JOINT_INDEX[correction.joint]
     rows = np.flatnonzero(joints.frame == correction.frame)
     if not len(rows):
@@ -176,7 +182,7 @@ def account_of(
     inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
-    """Return the content of run.json after all frames were written."""
+    """Return the content of run.json. This is called after the tables of all frames were written (``written``)."""
     room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -215,14 +221,16 @@ def account_of(
 
 
 def _recorded(recording: Recording, config: TrackConfig) -> RecordedSpan | None:
-    """Return the span of the recording; None if the tracked frames show it."""
+    """Return the start and the end of the recording. Return None if the tracked frames show both, because all frames
+    were tracked and the recording's first camera was not left out.
+    """
     part = bool(config.start) or config.stop is not None or recording.left_out_s is not None
     return span_of(recording) if part else None
 
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
-    """Return each camera's record: the pose and clock that were used, and where the pose comes from. source: where all
-    poses come from if the user gave them, else None.
+    """Return each camera's record for run.json: the pose and the clock that were used, and where the pose comes from.
+    source: where all poses come from if the user gave them; None if not.
     """
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))
@@ -245,8 +253,8 @@ def _pose_residuals(calibration: Calibration) -> list[Residual]:
 
 
 def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residual]:
-    """Return figures on each camera's clock, such as its offset and drift against the first camera's clock, and the
-    standard errors of both.
+    """Return values that describe how well the cameras' clocks agree. For each camera after the first, they include the
+    offset and the drift of its clock against the first camera's clock, with the standard errors of both, where known.
     """
     found = []
     for camera, missing in zip(clocks.cameras[1:], gaps[1:], strict=True):
@@ -267,8 +275,8 @@ def _clock_residuals(clocks: Clocks, gaps: Sequence[CameraGaps]) -> list[Residua
 
 
 def _about_depth(room: Room) -> list[str]:
-    """Return a sentence on the source of each camera's empty room, then one on each camera that moved, one on each
-    camera whose filters blur depth edges, and one on each camera whose noise was not measured.
+    """Return notes for the user: a sentence on the source of each camera's empty room, then a sentence on each camera
+    that moved, on each camera whose filters blur depth edges, and on each camera whose noise was not measured.
     """
     moved = [f"camera {scene.camera.name} {MOVED}" for scene in room.scenes if scene.background.moved]
     rooms = [f"camera {scene.camera.name}, empty room: {scene.background.source.value}" for scene in room.scenes]
@@ -296,7 +304,7 @@ def _patient(room: Room) -> PatientRecord | None:
 
 
 def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
-    """Return sentences that state which person was tracked, and with which body."""
+    """Return notes for the user that state which person was tracked, and which body was learnt for this person."""
     patient = _patient(room)
     if patient is None:
         return [f"no joint could be tracked: {room.why_nobody}"]
@@ -338,8 +346,8 @@ def _notes(room: Room, learnt: LearntPatient | None) -> list[str]:
 
 
 def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
-    """Return a note if the images hardly determine the patient's height, and the user gave no height that agrees with
-    the images.
+    """Return a note for the user if the images hardly determine the patient's height, and the user gave no height that
+    agrees with the images; else no note.
     """
     if learnt is None or run.shape is None:
         return []
@@ -356,14 +364,16 @@ def _unknown_height(run: Run, learnt: LearntPatient | None) -> list[str]:
 
 
 def _height(belief: ShapeBelief) -> tuple[float, float]:
-    """Return the standing height of a body shape and its standard deviation, metres."""
+    """Return the standing height of a person with this body shape, and the standard deviation of this height, in
+    metres.
+    """
     height_m, row = standing_height(body_points().asset, belief.shape)
     return height_m, float(np.sqrt(belief.variance(row[None])[0]))
 
 
 def _record_body(learnt: LearntPatient) -> BodyRecord:
-    """Return the record of the learnt body, with the change of each bone since the first of the windows of frames from
-    which it was learnt.
+    """Return the record of the learnt body for run.json. For each bone, the record also has the change of its length
+    since the body was learnt from the first window (a few seconds of frames); later windows refine the body.
     """
     asset, belief = body_points().asset, learnt.belief
     height_m, sigma_m = _height(belief)

@@ -28,8 +28,10 @@ METRES: Final[Mapping[str, float]] = {
 }
 """Length of each unit in metres, by the unit's name in files."""
 
-LONGEST_S: Final = 86_400.0  # s (one day), maximum duration of a recording; in a longer one, times are not in seconds
-FARTHEST_M, LARGEST_DEG = 1e4, 1e5  # m, degrees: maximum coordinate and angle; above: wrong unit or damaged file
+# s (one day), maximum duration of a recording; if the file's times span more, they are not in seconds
+LONGEST_S: Final = 86_400.0
+# m, degrees: maximum coordinate and angle; larger values mean a wrong unit or a damaged file
+FARTHEST_M, LARGEST_DEG = 1e4, 1e5
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,8 +1,8 @@
 """Find the difference between the clocks of another motion capture system and of the results, from the movement that
 both recorded. "Ours" means the results of this program, "theirs" the other system's recording.
 
-Distances between joints, and angles, do not depend on the frame of reference. So the clocks can be compared before the
-pose of one frame of reference relative to the other is known.
+Distances between joints, and angles, do not depend on the frame of reference. So the clocks of the two systems can be
+compared before the relative pose of their frames of reference is known.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from anchorpose.calibration.clock_lags import DRIFT_SIGMA
 from anchorpose.errors import AnchorposeError
 
 GRID_HZ: Final = 100.0
-"""Rate in Hz of the evenly spaced times (the grid) at which signals are compared; between two such times, movement is
-smooth.
+"""Rate in Hz of the evenly spaced times (the grid) at which signals are compared; movement is smooth within the 10 ms
+between two such times.
 """
 
 SMOOTHING_S: Final = 0.04
@@ -38,7 +38,7 @@ MOST_SIGNALS: Final = 40  # maximum number of compared signals; the signals that
 LEAST_MOVEMENT_M: Final = 0.02
 LEAST_MOVEMENT_DEG: Final = 4.0
 """Minimum standard deviation, over the recording, of a distance between joints (``LEAST_MOVEMENT_M``, m) or of an angle
-(``LEAST_MOVEMENT_DEG``, degrees) for it to be used as a signal. With less movement, it is mostly noise.
+(``LEAST_MOVEMENT_DEG``, degrees) for it to be used as a signal. With less movement, the signal would be mostly noise.
 """
 
 LEAST_KNOWN: Final = 0.2
@@ -114,8 +114,8 @@ def on_grid(time_s: np.ndarray, values: np.ndarray, smoothing_s: float = SMOOTHI
     width = smoothing_s * GRID_HZ
     weight = gaussian_filter1d(known.astype(np.float64), width, axis=0, mode="constant")
     smooth = gaussian_filter1d(np.nan_to_num(found), width, axis=0, mode="constant")
-    # Near a gap or an end of the signal, the kernel is one-sided. This would shift the movement in time, so values
-    # there are left out.
+    # Near a gap or an end of the signal, the kernel covers fewer samples on one side than on the other. Smoothing would
+    # then shift the movement in time, so values there are left out.
     whole = known & (weight > 0.95)
     return Signals(grid_s, np.where(whole, smooth / np.where(whole, weight, 1.0), np.nan))
 
@@ -152,20 +152,24 @@ LEAST_OVERLAP: Final = 0.4
 chance.
 """
 
-LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if one is short
+LEAST_OVERLAP_S: Final = 3.0  # s, minimum time that both recordings must have in common, even if a recording is short
 
-LEAST_CORRELATION: Final = 0.6  # minimum correlation of the systems' signals at the best offset; else no clock is found
+# Minimum correlation of the systems' signals at the best offset; with a smaller correlation, NoCommonMovement is raised
+LEAST_CORRELATION: Final = 0.6
 
 RIVAL_DISTANCE_S: Final = 0.5
 RIVAL_FACTOR: Final = 1.5
-"""Limit for a rival of the best offset: an offset more than ``RIVAL_DISTANCE_S`` away counts as equally good if the
-share of the movement that it leaves unexplained (1 - correlation^2) is less than ``RIVAL_FACTOR`` times the share that
-the best offset leaves unexplained. The movement then repeats itself and does not determine the offset.
+"""Limits for a rival: a second offset that fits as well as the best offset. A peak of the correlation at an offset more
+than ``RIVAL_DISTANCE_S`` from the best offset is a rival if the share of the movement that it leaves unexplained (1 -
+correlation^2) is less than ``RIVAL_FACTOR`` times the share that the best offset leaves unexplained. The movement then
+repeats itself and does not determine the offset.
 """
 
 ITERATIONS: Final = 20  # maximum number of least-squares steps
-BLOCKS: Final = 10  # number of equal stretches of the common time; the jackknife omits one stretch at a time
-HUBER: Final = 2.5  # number of robust standard deviations beyond which a residual gets less weight
+# Number of stretches of equal duration into which the common time of both recordings is divided; the jackknife omits
+# one stretch at a time
+BLOCKS: Final = 10
+HUBER: Final = 2.5  # limit of a residual, in robust standard deviations of its signal; larger residuals get less weight
 
 
 class NoCommonMovement(AnchorposeError):
@@ -190,7 +194,7 @@ class OtherClock:
     overlap_s: tuple[float, float]
 
     def reference_time_s(self, time_s: np.ndarray) -> np.ndarray:
-        """Convert times (n,) of the results to the other system's clock."""
+        """Convert times (n,) on the clock of the results to times on the other system's clock."""
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
 

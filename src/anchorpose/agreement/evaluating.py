@@ -139,7 +139,9 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: a text per match, equal for the same person."""
+    """Return the rows of agreement, each over all recordings. subjects: the name of the person in each match; matches
+    with the same name count as matches of one person.
+    """
     rows = list[Agreement]()
     for quantity in quantities(matches):
         taken = [(quantity.take(match), subject) for match, subject in zip(matches, subjects, strict=True)]
@@ -222,8 +224,8 @@ def _shape(parts: Parts, offset: str) -> dict[str, Any]:
 
 
 PER_STRETCH: Final = 2
-"""Length of a stretch of time, in correlation times of the errors. A stretch counts as this many independent
-differences.
+"""Length of a stretch of time, as a multiple of the correlation time of the errors. A stretch counts as this many
+independent differences.
 """
 
 
@@ -298,7 +300,7 @@ def _given(match: Match, name: str) -> Compared | None:
 def _of_angle(match: Match, name: str, theirs: np.ndarray) -> Compared | None:
     column = match.ours.column(name)
     ours = match.ours.degrees[:, column]
-    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns until within 180 degrees of ours
+    theirs = ours - (ours - theirs + 180.0) % 360.0 + 180.0  # shifted by whole turns, to within 180 degrees of ``ours``
     known = np.isfinite(ours - theirs)
     if not known.any():
         return None
@@ -316,7 +318,9 @@ TRANSFORM_REMEDY: Final = 'write {"reference_to_world": four rows of four number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Matched recordings, the person of each (``subjects``), and the rows of agreement over all of them."""
+    """Matched recordings, the name of the person in each recording (``subjects``; ``NOT_NAMED`` if no names are given),
+    and the rows of agreement over all recordings.
+    """
 
     matches: tuple[Match, ...]
     subjects: tuple[str, ...]

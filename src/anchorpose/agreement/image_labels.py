@@ -87,8 +87,8 @@ class _Distance(NamedTuple):
 
 
 def _views(results: Path, recording: Recording) -> dict[str, tuple[Camera, DepthStream]]:
-    """Return, by name, each camera with the pose that tracking used, and its images with their times on the results'
-    clock; cameras without a pose in run.json are left out.
+    """Return, by camera name, each camera with the pose that tracking used, and the camera's images with their times on
+    the clock of the results; cameras without a pose in run.json are left out.
     """
     records = {str(each["name"]): each for each in read_run(results / RUN_FILE).get("cameras", [])}
     found = {}

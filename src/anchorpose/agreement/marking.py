@@ -21,7 +21,7 @@ _CENTRES: Final = {
     "Elbow": ("{s}EJC", "{s}HUO"),
     "Wrist": ("{s}WJC", "{s}RAO"),
 }
-"""By joint, labels that its centre has in Plug-in Gait, Conventional Gait Model 2 or Visual3D; ``{s}`` is L or R."""
+"""Labels of each joint's centre in Plug-in Gait, Conventional Gait Model 2 or Visual3D, by joint; ``{s}`` is L or R."""
 
 _PAIRS: Final = {
     "Knee": (
@@ -41,8 +41,9 @@ _PAIRS: Final = {
         ("{s}WRB", "{s}USP", "{s}WRISTULN", "{s}WRISTMED", "{s}WRISTMEDIAL"),
     ),
 }
-"""By joint, labels of its lateral and of its medial marker; the joint's centre is taken midway between the two. A label
-that is only the joint's name is the lateral marker in Cortex, ``R.Knee`` beside ``R.Knee.Medial``.
+"""Labels of each joint's lateral and of its medial marker, by joint; the point midway between the two markers is used
+as the joint's centre. In Cortex, a label that is only the joint's name belongs to the lateral marker: ``R.Knee`` is
+lateral, ``R.Knee.Medial`` is medial.
 """
 
 _PELVIS: Final = {"ASIS": ("{s}ASI", "{s}ASIS", "{s}IAS"), "PSIS": ("{s}PSI", "{s}PSIS", "{s}IPS")}
@@ -56,10 +57,10 @@ _SPELT: Final = re.compile(r"^([LR])(HIP|KNEE|ANKLE|SHOULDER|ELBOW|WRIST)(JC|JOI
 class Marking:
     """The joint or bone that each label of a file stands for.
 
-    centres: by joint, the label of its centre. midpoints: by joint, the labels whose mean is its centre. pelvis: labels
-    of the markers on the left ASIS, right ASIS, left PSIS and right PSIS (front and back spines of the pelvis); None if
-    one of the four is missing. thighs: labels of the markers on the ``Left`` and the ``Right`` thigh. assumed: joints
-    in ``centres`` whose label does not state that it is a centre.
+    centres: the label of each joint's centre, by joint. midpoints: the labels of points whose mean position is the
+    joint's centre, by joint. pelvis: labels of the markers on the left ASIS, right ASIS, left PSIS and right PSIS
+    (front and back spines of the pelvis); None if one of the four is missing. thighs: labels of the markers on the
+    ``Left`` and the ``Right`` thigh. assumed: joints in ``centres`` whose label does not state that it is a centre.
     """
 
     centres: dict[str, str]
@@ -112,7 +113,8 @@ def _plain(label: str) -> str:
 
 
 def given_marking(path: Path, labels: tuple[str, ...]) -> Marking:
-    """Read the user's table: rows ``joint,label``; if a joint has several rows, its centre is the mean of their labels.
+    """Read the user's table: rows ``joint,label``; if a joint has several rows, its centre is the mean of the points
+    with these labels.
 
     In place of a joint, a row may name ASISLeft, ASISRight, PSISLeft, PSISRight, ThighLeft or ThighRight. Raises
     InputError for an unknown joint or label.

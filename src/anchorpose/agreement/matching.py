@@ -1,5 +1,5 @@
-"""Match the frames of a results folder with those of another system: same clock, frame of reference, joints and
-angles.
+"""Match the frames of a results folder with the frames of another system's recording: express both on the same clock,
+in the same frame of reference, with the same joints and angles.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ from anchorpose.results.verify import require_own
 from anchorpose.rotations import fit_rigid_transform
 
 LARGEST_SCALE: Final = 1.3
-"""Maximum ratio between the body's sizes in the two systems; with different definitions of joints, sizes differ by
-less.
+"""Maximum ratio between the body's sizes in the two systems. Different definitions of joints change the size by less; a
+larger ratio means that the reference's lengths are in another unit.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """A results folder and a reference at the same times: all arrays have a row per frame of ``joints``.
+    """A results folder and a reference (the recording of another system) at the same times: joints and angles of the
+    reference are resampled to the frames of ``joints``, and all arrays have a row per frame of ``joints``.
 
     theirs_m (n, 21, 3): the reference's joints in the world of the results, NaN where missing; axes (n, 21, 3, 3): axes
     of the body segment of each joint. theirs: angles of the reference's joints by this program's formulas, None if the
@@ -108,7 +109,9 @@ def _match(
 
 
 def _clock_of_movement(joints: JointTable, ours: AngleTable, reference: Reference) -> Clock:
-    """Return the clock by distances between joints, and angles; raises NoCommonMovement if these do not show it."""
+    """Return the reference's clock, found from distances between joints and from angles; raises NoCommonMovement if
+    these signals do not determine the clock.
+    """
     columns = [ours.column(name) for name in reference.angles]
     signals = common_signals(
         (joints.time_s, joints.position_m, ours.degrees[:, columns]),
@@ -122,7 +125,9 @@ def _clock_of_movement(joints: JointTable, ours: AngleTable, reference: Referenc
 def _clock_of_positions(
     joints: JointTable, axes: np.ndarray, reference: Reference, placement: Placement, clock: Clock
 ) -> Clock:
-    """Refine the clock by joint positions in the world; they determine it better than distances between joints."""
+    """Refine the clock with joint positions in the world, which determine the clock better than distances between
+    joints do.
+    """
     nothing = np.zeros_like(joints.position_m)
     ours = position_signals(joints.time_s, residual(joints.position_m, nothing, axes, placement.offset_m))
     theirs_m = transform_points(placement.T_world_reference, reference.centres.position_m)
@@ -183,7 +188,7 @@ def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict
 
 def _distance_m(ours_m: np.ndarray, theirs_m: np.ndarray) -> float:
     """Return the median distance between both systems' joints (n, 21, 3), NaN where missing, after the best rigid
-    motion of the other system's joints onto the results'.
+    motion of the other system's joints onto the joints of the results.
     """
     both = np.isfinite(ours_m).all(axis=2) & np.isfinite(theirs_m).all(axis=2)
     T = fit_rigid_transform(theirs_m[both], ours_m[both])
@@ -201,9 +206,10 @@ def with_knee_sign(reference: Reference, ours: AngleTable) -> Reference:
     determined. ours: angles of the results. The systems differ in this sign: in OpenSim's models, for example, a bent
     knee is negative in gait2392 and positive in the model of Rajagopal.
 
-    Both knees have the same sign: the one with which the middle of their range is nearer to that in the results. This
-    comparison needs no common clock, since knees bend one way. If both signs fit about equally, for example to straight
-    knees, the angles become NaN. Knees that have this program's names in the file have this program's sign.
+    Both knees get the same sign: the sign with which the middle of the range of the file's knee angles is nearer to the
+    middle of the range in the results. Since knees bend in one direction only, this comparison needs no common clock.
+    If both signs fit about equally, for example to straight knees, the angles become NaN. Knee angles that have this
+    program's names in the file keep their sign.
     """
     named = enumerate(zip(reference.angles, reference.labels, strict=True))
     knees = [k for k, (name, label) in named if name.startswith("knee_flexion") and label not in ANGLE_NAMES]
@@ -234,8 +240,9 @@ def _middle_of_range(degrees: np.ndarray) -> float:
 
 
 def _knee_sign(as_given_deg: float, opposite_deg: float) -> tuple[float, str]:
-    """Return the sign, NaN if it is undecided, and a text on it. as_given_deg, opposite_deg: differences from the
-    results with either sign.
+    """Return the sign (1, -1, or NaN if it is undecided), and a text that explains it. as_given_deg, opposite_deg:
+    absolute difference between the middle of the range in the results and in the file, with the sign as in the file and
+    with the opposite sign.
     """
     if opposite_deg - as_given_deg > LARGEST_ZERO_DEG:
         return 1.0, "taken with the sign as given"

@@ -22,11 +22,11 @@ from anchorpose.rotations import fit_rigid_transform, rigid, rotation_matrices, 
 
 ROUNDS: Final = 15  # maximum number of Gauss-Newton steps
 LEAST_FRAMES: Final = 10
-"""Minimum number of frames in which both systems have a joint, for finding the joint's offset."""
+"""Minimum number of frames in which both systems have a joint; a joint with fewer frames is not used."""
 
 FARTHEST: Final = 4.0
-"""Limit of the distance between both systems' positions of a joint, in medians of this distance. In frames beyond the
-limit, the joint gets less weight, since one of the systems has probably lost it.
+"""Limit of the distance that the fit leaves between both systems' positions of a joint, as a multiple of the median of
+these distances. In frames beyond the limit, the joint gets less weight, since one of the systems has probably lost it.
 """
 
 TURN_PRIOR_FRAMES: Final = 15.0
@@ -40,8 +40,8 @@ mm, or of 0.2 degrees and 1 mm; two weights give 0.15 degrees and 1 mm.
 """
 
 ERROR_M: Final = 0.005
-"""Length in m that is added to a joint's sigma in quadrature. It allows for errors of the reference, and for stated
-sigmas that are too small.
+"""Length in m that is added to a joint's sigma in quadrature. This length allows for errors of the reference, and for
+stated sigmas that are too small.
 """
 
 MOST_FRAMES: Final = 1000
@@ -66,8 +66,8 @@ _ON_PELVIS: Final = ("SpineBase", "HipLeft", "HipRight")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """The frame T_world_reference (4, 4) of the reference, and offset_m (21, 3): the results' joints minus the
-    reference's, in the axes of each joint's segment.
+    """The pose T_world_reference (4, 4) of the reference's frame, and offset_m (21, 3): the constant difference between
+    the joints of the results and of the reference (results minus reference), in the axes of each joint's segment.
 
     The axes are x forward, y up, z to the right when the person stands with limbs hanging. offset_m is NaN for joints
     that one of the systems lacks. translation_sigma_m, rotation_sigma_deg: standard deviations of the frame's position
@@ -96,7 +96,7 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
         for side in ("Left", "Right"):
             along = unit((points[f"{lower}{side}"] - points[f"{upper}{side}"]).T)
             hanging = -base[root][:, :, 1]
-            if joint == "Foot":  # the foot points forward when the leg hangs
+            if joint == "Foot":  # the foot points forward when the leg hangs, so x is aligned with it
                 hanging = base[root][:, :, 0]
             axes[:, JOINT_INDEX[f"{joint}{side}"]] = _shortest_turn(hanging, along) @ base[root]
     return axes
@@ -105,8 +105,8 @@ def segment_axes(position_m: np.ndarray) -> np.ndarray:
 def place(
     ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, given: np.ndarray | None = None
 ) -> Placement:
-    """Find the reference's frame and the offsets between both definitions of joints, from joints (n, 21, 3) at the same
-    times.
+    """Find the pose of the reference's frame, and the offsets that are due to the two definitions of joints, from the
+    joints (n, 21, 3) of both systems at the same times.
 
     ours_m, sigma_m (n, 21), axes (n, 21, 3, 3): joints of the results, their sigma and ``segment_axes``; theirs_m:
     joints of the reference. given: T_world_reference, if known; then only the offsets are found. Raises
@@ -144,7 +144,9 @@ def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: n
 
 
 def residual(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return (n, 21, 3): the results' joints minus the reference's minus the offset, in the world frame."""
+    """Return (n, 21, 3), in the world frame: the results' joints minus the reference's joints minus the joints'
+    offsets.
+    """
     return ours_m - theirs_m - np.einsum("njik,jk->nji", axes, offset_m)
 
 
@@ -222,7 +224,7 @@ def _step(
 
 
 def _turned(T: np.ndarray, turn: np.ndarray, shift: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T followed by a small rotation about the point ``centre_m`` and a shift."""
+    """Return the rigid transform T, followed by a small rotation about the point ``centre_m`` and a shift."""
     rotation = rotation_matrices(turn[None])[0]
     return np.asarray(rigid(rotation, centre_m - rotation @ centre_m + shift) @ T)
 

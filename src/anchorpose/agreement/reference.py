@@ -36,7 +36,7 @@ moved in one plane or hardly at all, so the centre is undetermined along one dir
 FARTHEST_M: Final = 0.04
 """Maximum distance in metres between the functional hip centre and the centre from the regression; the regression is
 accurate to 15 mm. A larger distance means that the markers moved with the skin over the bone: in a recording of walking
-(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away.
+(ezc3d's example of Qualisys), the functional centres of both hips were 67 mm away from the regression's centres.
 """
 
 
@@ -56,7 +56,7 @@ class CentreTrack:
 
 
 def joint_centres(captured: Captured, marking: Marking, hip: HipCentre) -> CentreTrack:
-    """Compute all joint centres that the labels determine. hip: method for hip centres without a label; raises
+    """Compute all joint centres that the labels determine. hip: method for a hip centre that no label gives; raises
     InputError if this method cannot be used.
     """
     position = np.full((len(captured.time_s), JOINT_COUNT, 3), np.nan)
@@ -118,10 +118,11 @@ def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
 
 
 def functional_centre(markers_m: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    """Return the common centre (3,) of spheres on which each marker (t, 3) moves, and how well it is determined.
+    """Return the common centre (3,) of the spheres on which the markers (t, 3) move, and a number that states how well
+    the markers' movement determines the centre.
 
-    The second value states how well: the ratio of the smallest to the largest singular value of the equations, 0 if the
-    centre is undetermined. Raises ValueError if no marker with four known positions moves.
+    This number is the ratio of the smallest to the largest singular value of the equations; it is 0 if the centre is
+    undetermined. Raises ValueError if no marker with four known positions moves.
     """
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     for marker in markers_m:
@@ -193,9 +194,9 @@ the first (flexion) is compared.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The other system's recording in this program's terms. time_s (t,): times on its clock; centres: joint centres in
-    its frame; degrees (t, a): the angles ``angles``, with the names of this program, which have the names ``labels`` in
-    the file. notes: sentences on how labels and signs in the file were interpreted.
+    """The other system's recording, converted to this program's joints and angles. time_s (t,): times on its clock;
+    centres: joint centres in its frame; degrees (t, a): the angles that have the names ``angles`` in this program and
+    the names ``labels`` in the file. notes: sentences on how labels and signs in the file were interpreted.
     """
 
     path: Path
@@ -237,8 +238,8 @@ def exchanged(reference: Reference) -> Reference:
 def _angles(captured: Captured) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
     """Return this program's names of the file's angles, their labels in the file, and the angles (t, a) in degrees.
 
-    Beside ``pelvis_list``, which only OpenSim has, the pelvis angles are OpenSim's. They are left out: their signs and
-    zeros differ from those of this program's angles of the same names.
+    If the file has the angle ``pelvis_list``, a coordinate of OpenSim's models, its pelvis angles are OpenSim's. They
+    are left out, because this program's angles of the same names have other signs and zeros.
     """
     columns, of_opensim = dict[str, int](), "pelvis_list" in captured.angles
     for column, label in enumerate(captured.angles):

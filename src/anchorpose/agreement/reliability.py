@@ -78,7 +78,7 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
     would solve for one unknown per subject, which takes gigabytes of memory for some thousand subjects.
     """
     subjects, repeats = values.shape
-    centred = values - values.mean()  # squares of values with a large mean would lose digits
+    centred = values - values.mean()  # without this step, squares of values with a large mean would lose digits
     by_subject, by_repeat = centred.mean(axis=1), centred.mean(axis=0)
     rest = centred - by_subject[:, None] - by_repeat
     return MeanSquares(
@@ -89,7 +89,9 @@ def mean_squares(values: np.ndarray) -> MeanSquares:
 
 
 def absolute_agreement(ms: MeanSquares, subjects: int, repeats: int) -> Estimate:
-    """Compute ICC(2,1) with its 95 % interval: repeats are a random sample; differences between them count as error."""
+    """Compute ICC(2,1) with its 95 % interval: repeats are regarded as a random sample, so differences between repeats
+    count as error.
+    """
     n, k = subjects, repeats
     value = (ms.subjects - ms.rest) / (ms.subjects + (k - 1) * ms.rest + k * (ms.repeats - ms.rest) / n)
     a = k * value / (n * (1.0 - value))
@@ -137,7 +139,7 @@ def reliability_of(measure: str, side: str | None, unit: str, values: np.ndarray
         icc_3_1_low=same.low,
         icc_3_1_high=same.high,
         sem=sem,
-        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # 5 % of differences between repeats are larger
+        mdc95=float(NORMAL_95 * np.sqrt(2.0) * sem),  # 5 % of the differences between two repeats are larger than this
     )
 
 
@@ -161,7 +163,7 @@ metres and centimetres), since no person changes by this ratio.
 """
 
 Key = tuple[str, str | None, str]  # measure, side, unit
-Values = dict[tuple[str, str], dict[Key, float]]  # values by subject and repeat, then by measure
+Values = dict[tuple[str, str], dict[Key, float]]  # the values of all measures, for each subject and repeat
 
 
 def session_reliability(path: Path) -> tuple[Reliability, ...]:
@@ -187,12 +189,12 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on values in another unit: of a session, or of one subject's session, whose
-    values differ from the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without such values. grid
-    (subjects, repeats): the values.
+    """Return the beginning of a sentence on a session (or a session of one subject) that seems to have another unit:
+    its values differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without
+    such values. grid (subjects, repeats): the values.
 
-    A single value may be near zero by nature. So a session counts as having too large a unit only if all of its values
-    are small.
+    A single value may be near zero by nature. So small values are reported only if the median over all subjects of a
+    session is small; large values are reported also for a single subject.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -267,8 +269,9 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
 
 
 def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None, used: dict[str, Path]) -> None:
-    """Raise InputError if the folder, or another session's recording of the same subject, is in ``used``; add both to
-    ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
+    """Raise InputError if the folder is in ``used``, or if its recording is in ``used`` for the same subject; else add
+    both to ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own
+    folder.
     """
     keys, digest = {str(folder.resolve()): "is given twice"}, recording_digest(run.get("inputs_sha256", {}).items())
     if digest is not None and subject is not None:

@@ -134,19 +134,23 @@ def _variance_interval(variance: float, parts: list[tuple[float, int]]) -> tuple
 
 
 LEAST_SAMPLES: Final = 10
-"""Minimum number of samples (pairs of both systems' values) for computing agreement, or the CMC of two curves."""
+"""Minimum number of samples (pairs of both systems' values) for computing agreement, or the coefficient of multiple
+correlation (CMC) of two curves.
+"""
 
 LEVELS: Final = np.linspace(0.05, 0.95, 19)
-"""Nominal shares of the errors that lie in a central interval; each is compared with the observed share."""
+"""Nominal shares of the errors that lie in a central interval (an interval around 0); ``calibration_error`` compares
+each with the observed share.
+"""
 
 
 def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | None:
     """Return the coefficient of multiple correlation (CMC) of two systems' curves (n,) of the same movement.
 
     The CMC is 1 where both curves coincide; offsets and gains between the curves lower it. It is None for fewer than
-    ``LEAST_SAMPLES`` samples. It is also None if the curves differ by more than they vary, since the CMC would be the
-    root of a negative number. Source: Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two
-    protocols.
+    ``LEAST_SAMPLES`` samples. It is also None if the two curves differ from each other by more than they vary over
+    time, since the CMC would be the root of a negative number. Source: Ferrari et al. 2010
+    (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None

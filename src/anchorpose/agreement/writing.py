@@ -133,7 +133,9 @@ def _plots(comparison: Comparison) -> list[tuple[str, list[Markup]]]:
 
 
 class Plot:
-    """The size of a picture (WIDTH, HEIGHT), and the edges of the plot in this picture, in units of the SVG."""
+    """The size of a picture (WIDTH, HEIGHT), and the edges of the plot area in this picture (LEFT, END, TOP, BASE), in
+    units of the SVG.
+    """
 
     WIDTH, HEIGHT = 420, 240
     LEFT, END, TOP, BASE = 52, 408, 10, 206

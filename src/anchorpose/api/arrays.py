@@ -26,8 +26,8 @@ LARGEST_GREY: Final = 65535  # the largest 16-bit grey value
 class Setup:
     """The cameras of a recording, and optional prior knowledge about the patient and the room.
 
-    subject: what is known about the patient, such as the height. equipment: path of an equipment.json. empty_room_m: by
-    camera name, a depth image (height, width) of the room without people, metres.
+    subject: known facts about the patient, such as the height. equipment: path of an equipment.json. empty_room_m: for
+    each camera name, a depth image (height, width) of the room without people, in metres.
     """
 
     cameras: Sequence[Camera]
@@ -37,10 +37,11 @@ class Setup:
 
     @contextmanager
     def writers(self, folder: Path) -> Iterator[list[CameraWriter]]:
-        """Make a recording in an existing empty folder, and open its cameras' folders for writing images.
+        """Write a recording that has no frames yet into an existing empty folder, and yield one writer per camera,
+        which adds the camera's depth images.
 
         Raises InputError if the description of a camera, the patient or the equipment is wrong, and AnchorposeError if
-        an empty room belongs to no camera.
+        ``empty_room_m`` names an unknown camera.
         """
         require_known(self.empty_room_m, self.cameras)
         plans = [CameraPlan(camera=camera) for camera in self.cameras]
@@ -71,8 +72,9 @@ class Setup:
 class DepthImages(Setup):
     """A recording in memory.
 
-    depth_m: by camera name, images (n, height, width), metres along the optical axis; 0, NaN and infinite mean no
-    reading. time_s: increasing times of the images; one array (n,) for all cameras, or one per camera by name.
+    depth_m: for each camera name, depth images (n, height, width), in metres along the optical axis; 0, NaN and
+    infinite mean that the pixel has no reading. time_s: increasing times of the images in s; one array (n,) for all
+    cameras, or a mapping from camera name to array.
     """
 
     depth_m: Mapping[str, np.ndarray]
@@ -118,7 +120,7 @@ def require_known(names: Iterable[str], cameras: Sequence[Camera]) -> None:
 
 
 def grey_of(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Convert a depth image in metres to grey values (height, width) uint16, the form of the camera's files.
+    """Convert a depth image in metres to grey values (height, width) uint16, as the camera's image files store depth.
 
     Raises AnchorposeError if the shape differs from the camera's image size, or if a reading is negative or too large
     for the format.

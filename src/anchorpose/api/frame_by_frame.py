@@ -39,7 +39,9 @@ from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.following import Follower
 
-START_S: Final = 6.0  # s, as in ``anchorpose live``: in this time, a patient moves enough to locate the joints
+# s; default duration of the first part of a session, from which the body is learnt, as in ``anchorpose live``: in this
+# time, a patient moves enough to locate the joints
+START_S: Final = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +49,8 @@ class Pose:
     """The patient in one frame.
 
     joints_m (21, 3): in the order of ``JOINT_NAMES``, metres in the world (X forward, Y up, Z to the patient's right),
-    NaN where a joint is lost. sigma_m (21,): one standard deviation along each axis. states: the state of each joint:
-    observed, hidden (and by what), outside of the image, or lost.
+    NaN where a joint is lost. sigma_m (21,): standard deviation of each joint's position along each axis, metres.
+    states: the state of each joint: observed, hidden (and by what), outside of the image, or lost.
     """
 
     frame: int
@@ -65,7 +67,9 @@ class Pose:
 
     @property
     def angles_deg(self) -> dict[str, float]:
-        """Return each angle of docs/angles.md by its name, degrees; NaN if the pose does not determine the angle."""
+        """Return the value of each angle in docs/angles.md by the angle's name, degrees; NaN if the pose does not
+        determine the angle.
+        """
         return dict(zip(self._angles.names, self._angles.degrees[0].tolist(), strict=True))
 
     @property
@@ -105,7 +109,8 @@ class Tracker:
         and equipment are used.
 
         subject, equipment (an equipment.json) and empty_room_m: knowledge about patient and room, as in ``Setup``.
-        start_s: seconds of the first part, from which the body is learnt. Raises InputError if an argument is wrong.
+        start_s: duration in s of the first part of the session, from which the body is learnt. Raises InputError if an
+        argument is wrong.
         """
         known = _setup_of(Path(cameras)) if isinstance(cameras, Path | str) else Setup(cameras=tuple(cameras))
         self._setup = replace(
@@ -148,10 +153,11 @@ class Tracker:
         """Return the pose in the next frame; None while the patient is not found, or is lost (``why`` gives the
         reason).
 
-        depth_m: by camera name, (height, width) metres along the optical axis; 0, NaN and infinite mean no reading; a
-        missing camera has no image in this frame. time_s: time of the frame, later than the time of the previous frame.
-        The step that ends the first seconds also learns the body, so it takes much longer. Raises AnchorposeError if an
-        argument does not fit the cameras or the previous frames, or if the tracker is closed.
+        depth_m: for each camera name, a depth image (height, width), metres along the optical axis; 0, NaN and infinite
+        mean that the pixel has no reading. A camera that is left out has no image in this frame. time_s: time of the
+        frame, later than the time of the previous frame. The step that ends the first seconds also learns the body, so
+        it takes much longer than other steps. Raises AnchorposeError if an argument does not fit the cameras or the
+        previous frames, or if the tracker is closed.
         """
         if self._closed:
             raise AnchorposeError("This Tracker is closed; make a new Tracker.")
@@ -170,7 +176,7 @@ class Tracker:
         return self._answer(estimate)
 
     def _begin(self) -> None:
-        """Start collecting the first seconds with the next frame."""
+        """Start collecting the frames of the first seconds; the next frame is the earliest of them."""
         self._began_s = np.nan
         with ExitStack() as stack:
             self._folder = Path(mkdtemp(prefix="anchorpose-"))
@@ -214,7 +220,9 @@ class Tracker:
         return self._catch_up(self._prepared)
 
     def _catch_up(self, prepared: Prepared) -> Estimate | None:
-        """Track stored frames from the latest one that shows the patient well; return the newest estimate."""
+        """Track the stored frames, beginning with the latest frame that shows the patient well; return the newest
+        estimate.
+        """
         run = replace(prepared.run, config=self._options.live(prepared.run.config))
         initial, recording = latest_good(run.room.initial_frames), run.room.recording
         self._follower, newest = Follower(run, initial.choice, prepared.learnt.shape), list[Estimate]()
@@ -225,7 +233,7 @@ class Tracker:
 
     def _follow(self, follower: Follower, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
         room = follower.run.room
-        cameras = room.recording.cameras  # without cameras that gave no usable image in the first seconds
+        cameras = room.recording.cameras  # leaves out cameras that gave no usable image in the first seconds
         own = [greys[place] for place in places_of(cameras, self._setup.cameras)]
         frame_set = frame_set_of_greys(self._frame, time_s, cameras, own, [time_s] * len(cameras))
         newest = list(follower.step(without_other_places(frame_set, room.scenes)))

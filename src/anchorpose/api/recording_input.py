@@ -26,7 +26,7 @@ class Watcher:
         """Return a context manager for one piece of work, named by ``on``. It yields a function that the work calls
         with (done, total) to report progress; total is None while it is unknown.
 
-        at_once: whether the work is shown at once; if False, it is shown from the first call on.
+        at_once: whether the work is shown at once; if False, the work is shown from the first progress report on.
         """
         return nullcontext(lambda done, total: None)
 
@@ -35,7 +35,8 @@ class Watcher:
 
 
 def as_recording(path: Path, watcher: Watcher) -> Path:
-    """Return the recording folder for a path; a recorder's file or folder is first converted, beside it.
+    """Return the recording folder for a path; a recorder's file or folder is first converted into a recording beside
+    it.
 
     Raises InputError if the conversion is refused. A path that no reader knows is returned unchanged.
     """

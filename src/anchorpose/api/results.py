@@ -24,11 +24,14 @@ if TYPE_CHECKING:
 
 PATIENT: Final = "patient"
 WITHIN_M: Final = 0.1  # m; ``confidence`` is the probability of a joint error below this; larger errors affect measures
-EVEN: Final = 0.01  # maximum difference of the intervals between evenly spaced frames, as a share of an interval
+# as a share of the median interval between frames: if the longest and the shortest interval differ by less than this,
+# the frames count as evenly spaced, and the dataset gets the attribute ``fps``
+EVEN: Final = 0.01
 
 
 class Results:
-    """An open results folder. Each table is read when it is first asked for. Missing values stay missing (NaN or None).
+    """An open results folder. Each table is read when it is requested for the first time. Missing values stay missing
+    (NaN or None).
 
     folder: the path of the results. If ``track`` was called without a folder, this is a temporary folder that exists as
     long as this object lives.
@@ -52,33 +55,39 @@ class Results:
 
     @cached_property
     def joints(self) -> pd.DataFrame:
-        """Return a row for each joint of each frame: frame, time_s, joint, x_m, y_m, z_m (world), state, sigma_m."""
+        """Return a table with a row for each joint of each frame: frame, time_s, joint, x_m, y_m, z_m (world), state,
+        sigma_m.
+        """
         return self._frame("joints")
 
     @cached_property
     def angles(self) -> pd.DataFrame:
-        """Return a row for each angle of each frame, degrees (docs/angles.md)."""
+        """Return a table with a row for each angle of each frame, in degrees (docs/angles.md)."""
         return self._frame("angles")
 
     @cached_property
     def measures(self) -> pd.DataFrame:
-        """Return a row for each clinical measure (docs/measures.md); with trials also for each trial and condition."""
+        """Return a table with a row for each clinical measure (docs/measures.md) of the whole recording; if the results
+        have trials, also with a row for each measure of each trial and condition.
+        """
         return self._frame("measures")
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """Return a row for each interval of standing, sitting, or a transition."""
+        """Return a table with a row for each interval in which the patient was upright, stood up, sat down or swung a
+        foot, and for each event: a knee that buckled, a stand that failed, a recovery step.
+        """
         return self._frame("episodes")
 
     @cached_property
     def posture(self) -> pd.DataFrame:
-        """Return a row for each frame: the centre of mass, and whether the patient is upright."""
+        """Return a table with a row for each frame: the centre of mass, and whether the patient is upright."""
         return self._frame("posture")
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
-        """Return a row for each contact of another person, or of a part of the equipment, with a part of the
-        patient.
+        """Return a table with a row for each contact of another person, or of a part of the equipment, with a part of
+        the patient.
         """
         return self._frame("contacts")
 

@@ -41,9 +41,10 @@ def track(
     """Find the patient's 21 joints in every frame of a recording, and open the results.
 
     recording: a recording folder, a recorder's file, or depth images in memory. results: the folder to write, which
-    appears when tracking is complete; without it, the results are kept as long as the returned object lives. config:
-    settings that differ from the defaults. Other arguments are those of the command ``anchorpose track``. Raises
-    InputError if the recording cannot be used, or the folder exists and may not be overwritten.
+    appears when tracking is complete; if None, the results are in a temporary folder that exists as long as the
+    returned object. config: settings that differ from the defaults. The other arguments mean the same as the options of
+    the command ``anchorpose track``. Raises InputError if the recording cannot be used, or the folder exists and may
+    not be overwritten.
     """
     options = Options(config, calibration, corrections, events, overwrite, threads=threads)
     return track_watched(recording, results, options, Watcher())

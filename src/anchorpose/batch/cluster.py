@@ -30,7 +30,7 @@ SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
 # Maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
-# it is probably the cause, for example because it needs too much memory.
+# the job is probably the cause, for example because it needs too much memory.
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -75,7 +75,7 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
     jobs: maximum number of workers to start. Raises AnchorposeError if the scheduler cannot be reached.
     """
     import dask
-    import distributed  # before ``dask.config.set``, whose end would drop the defaults that the import sets
+    import distributed  # not within ``dask.config.set``, whose end would drop the defaults that this import sets
 
     with dask.config.set(SCHEDULING):
         logging.getLogger("distributed").setLevel(logging.ERROR)  # no warnings; a job's outcome states why it failed
@@ -113,7 +113,7 @@ def _local(workers: int) -> Any:
         processes=True,
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",  # any free port, so that several batches can run at once
-        memory_limit=0,  # no limit, since the data are in the worker's child processes
+        memory_limit=0,  # no limit on a worker's memory, since the data are in its child processes
         silence_logs=logging.CRITICAL,
         preload=[IGNORE_CTRL_C],
     )
@@ -174,7 +174,7 @@ def run_jobs(jobs: Sequence[Job], place: Place, tick: Callable[[], None] = lambd
 
 def _run(client: Client, jobs: Sequence[Job], group: str, tick: Callable[[], None]) -> Iterator[Outcome]:
     """Run the jobs and yield their outcomes. The number of submitted jobs is at most the number of the workers'
-    threads, since the death of a worker counts as a failure of every job that waits on it.
+    threads, since the death of a worker counts as a failure of every job that waits on this worker.
 
     A future is released once its outcome is known. The scheduler then forgets the job, and does not repeat it if its
     worker dies later.

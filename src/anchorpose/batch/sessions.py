@@ -63,7 +63,7 @@ class Session:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Return the names of the folders above the recording, then of the recording."""
+        """Return the names of all folders above the recording, then the recording's own name."""
         if isinstance(self.recording, str):
             return parts_of(self.recording)
         path = self.recording.resolve()
@@ -78,7 +78,8 @@ class Session:
 
 
 def find_sessions(given: Sequence[str], options: TrackOptions) -> tuple[Session, ...]:
-    """Find the sessions that a user lists, in the order given. Only sessions from a table can have a name yet.
+    """Find the sessions that a user lists, in the order given. At this stage, only sessions from a table can have a
+    name.
 
     given: recordings (folders, or files of a recorder), folders that contain recordings, addresses, patterns such as
     ``clinic/*/recording``, and tables (``.csv``). options: options of all sessions; a row of a table overrides them.
@@ -167,8 +168,8 @@ def _value(name: str, text: str, path: Path, number: int) -> object:
 BATCH_FILE: Final = "batch.json"
 LOCK_FILE: Final = ".batch.lock"
 LONGEST_NAME: Final = 100
-"""Maximum length of a session's name in bytes. Encrypted folders allow names of 143 bytes, and some file names of a run
-have up to 30 bytes more, as in .NAME.json.partial-01234567.
+"""Maximum length of a session's name in bytes. Encrypted folders allow file names of 143 bytes, and the names of some
+files that a run writes are up to 30 bytes longer than the session's name, as in .NAME.json.partial-01234567.
 """
 
 # names that Windows does not allow for files

@@ -1,6 +1,7 @@
-"""Find the state of each session of a batch, and write the tables (sessions and measures, as parquet and CSV), with the
-outcome and the measures of every session, and the page index.html. A session is done if the identity that its results
-state is the identity that a new run would have.
+"""Find the state of each session of a batch, and write two tables and the page index.html. The table of sessions has
+the outcome of every session, and the table of measures has the measures of every session that is done; both are written
+as parquet and as CSV. A session is done if the identity that its results state (a hash of inputs, settings, code and
+libraries) is the identity that a new run would have.
 """
 
 from __future__ import annotations
@@ -87,7 +88,9 @@ _TYPES: Final = {"str": _TEXT, "int": pa.int64(), "float": pa.float64()}
 
 
 def _table(file: str, record: type, **known: tuple[str, ...]) -> RecordTable[Any]:
-    """Return a table with a column for each field of the dataclass ``record``. known: by column, the allowed texts."""
+    """Return a table with a column for each field of the dataclass ``record``. known: the allowed texts of some
+    columns, by the name of the column.
+    """
     columns = [(field.name, _TYPES[str(field.type).partition(" ")[0]]) for field in fields(record)]
     return RecordTable(file=file, record=record, schema=pa.schema(columns), known=known, remedy=AGAIN)
 
@@ -133,7 +136,9 @@ def done_identity(results: Path) -> str | None:
 
 
 def identity_of(session: Session, recording: Path, known: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the identity that a new run would have. known: hashes of files of the recording that are not read."""
+    """Return the identity that a new run would have. known: SHA-256 by path within ``recording``, for files that
+    need not be read again.
+    """
     from anchorpose.track_inputs import UserInputs, read_inputs
 
     options = session.options
@@ -227,8 +232,8 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session, without measures about a single other person; empty if the session was not
-    measured.
+    """Return the measures of a session, without measures that concern a single other person; empty if the session was
+    not measured.
     """
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()

@@ -31,7 +31,9 @@ ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 """Environment variables that make a child process use one core only: several children run at once, one per worker."""
 
 STOP_S: Final = 15.0  # s, maximum wait for a child to end after SIGTERM; longer than ``ABANDONED_STOP_S``
-ABANDONED_STOP_S: Final = 10.0  # s from SIGTERM to a forced end: time to leave compiled code and delete partial files
+# s from SIGTERM to the forced end of a child whose worker was killed; it needs time to leave compiled code and delete
+# partial files
+ABANDONED_STOP_S: Final = 10.0
 ABANDONED: Final = 143  # exit code of a child whose worker was killed, the same as after SIGTERM
 TAIL_BYTES: Final = 4096  # bytes at the end of a log in which its last line is searched for
 

@@ -35,7 +35,8 @@ JOINT_BONES = {
     "AnkleRight": "RightFoot",
     "FootRight": "RightToeBase",
 }
-"""The bone of each joint. The joint is at the bone's first end (its head); only ``Head`` is at its bone's middle."""
+"""The bone that carries each joint. The joint is at the first end of its bone; only the joint ``Head`` is at the middle
+of its bone."""
 
 ADULT_COMPONENTS = 16
 """Number of shape coefficients that describe how adults differ; they come before all other coefficients."""
@@ -43,7 +44,9 @@ ADULT_COMPONENTS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """A skinned mesh at rest; k shape coefficients change it linearly. Axes: X forward, Y up, Z right; metres."""
+    """A skinned triangle mesh in the rest pose; k shape coefficients change the mesh linearly. Axes: X forward, Y up, Z
+    right; metres.
+    """
 
     vertices: np.ndarray  # (v, 3) skin of the mean adult
     vertex_basis: np.ndarray  # (k, v, 3) change of the skin by one unit of each shape coefficient
@@ -56,7 +59,8 @@ class BodyAsset:
     skin_bones: np.ndarray  # (v, w) bones that move each vertex by linear blend skinning
     skin_weights: np.ndarray  # (v, w) weights of the bones in ``skin_bones``; each row sums to 1
     faces: np.ndarray  # (f, 3) int32, vertices of each triangle, counter-clockwise seen from outside
-    adult_sigma: np.ndarray  # (c,) standard deviation of each whole-body coefficient among adults; the mean is 0
+    # (c,) standard deviation, among adults, of each shape coefficient that changes the whole body; the mean is 0
+    adult_sigma: np.ndarray
     child_mean: np.ndarray  # (c,) mean of the whole-body coefficients in children 0.95 to 1.60 m tall
     child_covariance: np.ndarray  # (c, c) covariance of the whole-body coefficients in these children
     # names of the last shape coefficients, each of which changes one body segment (``segments.py``)
@@ -89,7 +93,7 @@ class BodyAsset:
 
 @cache
 def stored_asset() -> BodyAsset:
-    """Return the asset that ships with the package. All its coefficients change the whole body."""
+    """Return the asset that ships with the package. All shape coefficients of this asset change the whole body."""
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(

@@ -11,18 +11,20 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-# s; if a predicted pose proves wrong, its uncertainty is set to that of a pose after this time without observations
+# s; if a predicted pose proves wrong, its uncertainty is increased by as much as it grows in this time without
+# observations
 UNSEEN_S: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to depart from it by a random
-    walk.
+    """The rate at which a predicted pose becomes uncertain: the true pose is assumed to depart from the predicted pose
+    by a random walk.
     """
 
     turn_sigma: float  # rad, standard deviation of each bone's turn from the predicted pose after one second, per axis
-    root_sigma_m: float  # m, standard deviation of the pelvis from its predicted place after one second, per axis
+    # m, standard deviation of the pelvis's movement from its predicted place after one second, per axis
+    root_sigma_m: float
 
     def variance(self, elapsed_s: float) -> np.ndarray:
         """Return the variance (POSE_SIZE,) that each parameter of a predicted pose gains in ``elapsed_s`` seconds."""
@@ -32,7 +34,8 @@ class Pace:
 
 
 PATIENT_PACE: Final = Pace(turn_sigma=15.0 * DEGREE, root_sigma_m=0.08)
-"""Pace of the patient. For example, after 1/15 s the added sigma per axis is 4 degrees (bones) and 2 cm (pelvis)."""
+"""The rate (``Pace``) at which a predicted pose of the patient becomes uncertain. For example, after 1/15 s the added
+sigma per axis is 4 degrees (bones) and 2 cm (pelvis)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,17 +45,21 @@ class PoseBelief:
     """
 
     pose: Pose
-    covariance: np.ndarray  # (POSE_SIZE, POSE_SIZE) given all observations and the prior knowledge of joint angles
-    # (POSE_SIZE, POSE_SIZE) inverse of the covariance given all observations so far. Prior knowledge of joint angles is
-    # not included, since every frame adds it again and it must not count twice.
+    # (POSE_SIZE, POSE_SIZE) covariance of the pose, given all observations and the prior knowledge of joint angles
+    covariance: np.ndarray
+    # (POSE_SIZE, POSE_SIZE) inverse covariance of the pose, given all observations so far. Prior knowledge of joint
+    # angles is not included: every frame adds this knowledge again, so it would count several times.
     information: np.ndarray
 
     def later(self, pose: Pose, elapsed_s: float, pace: Pace = PATIENT_PACE) -> PoseBelief:
-        """Return the belief in a pose predicted for ``elapsed_s`` seconds later; ``pace`` gives the added variance."""
+        """Return the belief in ``pose``, which is predicted for ``elapsed_s`` seconds later; ``pace`` gives the
+        variance to add.
+        """
         return self.grown(pose, pace.variance(elapsed_s))
 
     def grown(self, pose: Pose, variance: np.ndarray) -> PoseBelief:
-        """Return the belief in another pose, with the given variance (POSE_SIZE,) added to each parameter.
+        """Return the belief in another pose, with the given variance (POSE_SIZE,) added to the variance of each
+        parameter.
 
         The added variance is correlated between joints that people bend together. So if images show that a hip bends,
         the hidden knee of the same leg is estimated to bend, too.
@@ -73,10 +80,11 @@ def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
     """Return the belief in a frame's pose before the images of this frame are used. Standard deviations are half a
     radian per bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
 
-    unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk (columns: lower part; chest, neck and
-    head), each other row a limb (columns: part up to elbow or knee; part beyond). The shorter this time, the smaller
-    the part's standard deviation. inf means that the part was never seen; 0 means that this frame shows the part, and
-    earlier frames are not used. None: 0 for all parts.
+    unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk. Its columns are the lower trunk, and
+    the chest with neck and head. Each other row is a limb. Its columns are the part above the elbow or knee, and the
+    part below. The shorter the time since a part was last seen, the smaller the part's standard deviation. inf means
+    that the part was never seen. 0 means that this frame shows the part; then earlier frames are not used for this
+    part. None stands for 0 in all parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

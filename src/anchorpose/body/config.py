@@ -1,4 +1,6 @@
-"""Define settings: how a body is registered and learnt, when its skin counts as seen, and how joints get sigma."""
+"""Define the settings for registering and learning a body, for deciding whether its skin is seen, and for the sigma
+(standard deviation) of joints.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ class Source(StrEnum):
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    ANCHORS = "anchors"  # ends of limbs found by geodesic distances; not every end is recognised as a hand or foot
+    # ends of limbs, found by distances along the surface; not every end is recognised as a hand or foot
+    ANCHORS = "anchors"
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
     # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
     SIDES = "sides"
@@ -27,21 +30,24 @@ class RegistrationConfig:
     """Settings of registration, which fits a body's posed skin to the nodes of the surface seen in one frame."""
 
     reaches_m: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.12, 0.10, 0.07, 0.06)
-    """Maximum distance (m) at which a node of the surface pulls the skin towards itself, one value per solver step. It
-    decreases from the prediction error of a fast arm to the thickness of clothes."""
+    """Maximum distance (m) at which a node of the surface pulls the skin towards itself, one value per solver step.
+    This distance decreases from the prediction error of a fast arm to the thickness of clothes."""
 
     held_steps: Annotated[int, Field(ge=0, strict=True)] = 2
-    """Number of solver steps, counted from the first, in which the skin is also pulled by anchors and by nodes that the
-    track tree matched. Both have errors of centimetres, so later steps use only the surface."""
+    """Number of solver steps, counted from the first, in which the skin is also pulled by anchors (head, hands and feet
+    found in the frame) and by nodes that the track tree matched between frames. Anchors and matches have errors of
+    centimetres, so later steps use only the surface."""
 
     # minimum number of nodes for a registration; a whole patient shows about 3,500, a hand alone shows fewer than this
     least_nodes: Count = 150
-    node_count: Count = 2500  # maximum number of nodes used; enough for a pose's 60 parameters, and more only cost time
+    # maximum number of nodes used; enough for the ``POSE_SIZE`` parameters of a pose, and more nodes would only cost
+    # time
+    node_count: Count = 2500
     # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
     surface_sigma_m: Positive = 0.010
     # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0
-    # sources of other poses for a pose in doubt; the default is all sources, fewer serve to compare methods
+    # sources of other poses for a pose in doubt; the default is all sources, and fewer sources serve to compare methods
     sources: tuple[Source, ...] = tuple(Source)
 
 
@@ -53,10 +59,11 @@ class LearningConfig:
     # s, length of a time window whose frames are fitted together; in this time, patients move enough to show where
     # limbs bend
     window_s: Positive = 4.0
-    # s, total duration of the frames from which the shape is learnt; more frames do not improve the shape. These frames
-    # are later tracked again
+    # s, total duration of the frames from which the shape is learnt; more frames do not improve the shape. After
+    # learning, these frames are tracked again
     longest_s: Positive = 30.0
-    frame_count: Count = 12  # maximum number of frames of the first window that are fitted; more only repeat poses
+    # maximum number of frames of the first window that are fitted; more frames would only repeat poses
+    frame_count: Count = 12
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day
 
 
@@ -71,9 +78,12 @@ class VisibilityConfig:
 
 @settings
 class UncertaintyConfig:
-    """Corrections of the joint sigma from a pose's posterior; tuned on simulated people, alone or in clinics."""
+    """Corrections of each joint's sigma (standard deviation), which is computed from the posterior covariance of the
+    pose. The corrections were tuned on simulated people, alone or in clinics.
+    """
 
     # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape does not place them better than this
     floor_m: Positive = 0.0035
-    # factor on the posterior's sigma; below 1, since neighbouring nodes share less error than registration assumes
+    # factor on the sigma from the posterior; below 1, since the errors of neighbouring nodes are less alike than
+    # registration assumes
     inflation: Positive = 0.65

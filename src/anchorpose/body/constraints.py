@@ -16,7 +16,8 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-# m; in the search for the nearest skin, an angle of 60 degrees between two normals counts as much as this distance
+# m; in the search for the skin point nearest to a node, an angle of 60 degrees between the normals of both counts as
+# much as this distance
 NORMAL_WEIGHT_M: Final = 0.10
 # m, spacing of skin points; a node farther than this from all skin points counts as not covered by the body
 UNCOVERED_M: Final = 0.03
@@ -50,7 +51,7 @@ class Constraints:
         return len(self.point)
 
     def residuals(self, posed: PosedPoints) -> np.ndarray:
-        """Return the residual (n,) of each row in a pose, metres."""
+        """Return the residual (n,) of each row for the posed skin, metres."""
         return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
@@ -71,7 +72,8 @@ def join(parts: Sequence[Constraints]) -> Constraints:
 def surface_constraints(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return rows by which each node of the surface pulls the nearest skin point that faces the node's camera.
+    """Return rows (linear equations) by which each node of the surface pulls the nearest skin point that faces the
+    node's camera.
 
     The skin point is pulled onto a plane through the node. The plane's normal is the mean of the node's and the skin
     point's normals, so that errors due to curvature cancel (Rusinkiewicz 2019, doi:10.1145/3306346.3323037). A node

@@ -1,7 +1,8 @@
-"""Divide the patient's skin into clinical regions, find other people near them, and hold standing feet in place.
+"""Divide the patient's skin into clinical regions, find other people near the skin, and keep standing feet in place.
 
-A leg that a therapist hides from all cameras is constrained only by the hip, so its estimate would swing. Patients in
-stand training stand, so the place where the foot stood last is the best evidence of this leg's pose.
+A leg that a therapist hides from all cameras is constrained only by the hip, so its estimate would swing. In stand
+training, patients keep standing, so the place where the foot of the hidden leg stood last is the best evidence of the
+leg's pose.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def region_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def region_of_skin(asset: BodyAsset, part: np.ndarray, place_m: np.ndarray, heads_m: np.ndarray) -> np.ndarray:
-    """Return the region (p,) of skin points, an index into ``REGIONS``; the region of a knee is the skin around its
-    joint.
+    """Return the region (p,) of skin points, an index into ``REGIONS``; the region of a knee is the skin around the
+    knee joint.
 
     part (p,): bone that moves each point most; place_m (p, 3): each point in the rest pose; heads_m (b, 3): the first
     end of each bone in the rest pose.
@@ -111,7 +112,7 @@ class Nearness:
 
     person: np.ndarray  # (n,) uint8, pixel label of the other person
     point: np.ndarray  # (n,) int32, skin point of the patient
-    distance_m: np.ndarray  # (n,) float32, from the point to the other person's nearest skin
+    distance_m: np.ndarray  # (n,) float32, distance from the point to the other person's nearest skin
     remembered: np.ndarray  # (n,) bool, whether the other person's skin was seen shortly before but is hidden now
     shown: np.ndarray  # (p,) bool, whether some camera sees the skin point of the patient
     area_m2: float  # m2, area of skin that each skin point of the patient represents
@@ -127,7 +128,7 @@ def find_nearness(
 ) -> Nearness:
     """Return the pairs of a skin point of the patient and another person near it. Skin of other people counts where
     cameras see it now or saw it shortly before. memory: the skin of all people as last seen. Hands of other people that
-    wrongly have the patient's label (``find_hands``) are included. Missing parts of the patient have no skin.
+    wrongly have the patient's label (``find_hands``) are included. Body parts that the patient lacks are left out.
     """
     others, shown = memory.without_patient, seen_skin(posed, views, cameras, config)
     hands_m, whose = find_hands(posed, views, cameras)
@@ -154,7 +155,9 @@ def find_nearness(
 
 
 def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: points (n, 3) at most ``HAND_M`` outside the bounding box of the points ``box_m`` (k, 3)."""
+    """Return (n,) bool: whether each of the points (n, 3) is less than ``HAND_M`` outside the bounding box of ``box_m``
+    (k, 3).
+    """
     if not len(box_m):
         return np.zeros(len(points_m), dtype=bool)
     low, high = box_m.min(axis=0) - HAND_M, box_m.max(axis=0) + HAND_M
@@ -162,16 +165,21 @@ def _within(points_m: np.ndarray, box_m: np.ndarray) -> np.ndarray:
 
 
 SIDES = ("Left", "Right")
-PLACES: Final = 6  # number of skin points by which a standing foot is held; enough to fix the foot's place and rotation
-STILL_S: Final = 0.4  # s; a foot stands if it was seen at rest for about this time; in a step, the sole rests for less
+# number of skin points of a standing foot that are kept in place; enough to fix the foot's place and rotation
+PLACES: Final = 6
+# s; a foot counts as standing if it was seen at rest for about this time; in a step, the sole rests for less time
+STILL_S: Final = 0.4
 # m, maximum movement of the ankle of a foot at rest: the estimated place of a visible ankle has this error
 STILL_M: Final = 0.03
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
-# m/s, growth of this standard deviation while the foot is hidden; in two seconds it grows by the length of a small step
+# m/s, growth of the standard deviation ``SIGMA_M`` while the foot is hidden; in two seconds it grows by the length of a
+# small step
 DRIFT_M_S: Final = 0.05
-# m; a hidden foot is assumed to stand if it is less than this above the floor in the pose, since the pose has errors
+# m; a hidden foot is assumed to stand if the pose puts it less than this height above the floor; the height allows for
+# errors of the pose
 ON_FLOOR_M: Final = 0.10
-# m, scale of the robust kernel in ``rows``: if the visible knee moves farther than this, the hidden foot follows
+# m, scale of the robust kernel in ``rows``: if the visible knee moves farther than this, the rows lose weight and the
+# hidden foot follows the knee
 DOUBT_M: Final = 0.10
 
 
@@ -179,7 +187,7 @@ DOUBT_M: Final = 0.10
 class _Stand:
     """The place where a foot stands, in the world."""
 
-    places_m: np.ndarray  # (PLACES, 3) places to which the skin points of the foot are held
+    places_m: np.ndarray  # (PLACES, 3) places at which the skin points of the foot are kept
     ankle_m: np.ndarray  # (3,) place of the foot's ankle
     since_s: float  # s, time of the last frame that confirmed this place
     seen: bool  # True: the foot was seen there; False: the foot is assumed to be there
@@ -209,13 +217,14 @@ class StandingFeet:
         time_s: float,
         floor_m: float | None = None,
     ) -> None:
-        """Update the places where feet stand from one more registered frame. A visible foot stands if its ankle was at
-        rest.
+        """Update the places where feet stand from one more registered frame. A visible foot counts as standing if its
+        ankle was at rest, or is still near the place where the foot stood before.
 
         skin_m (p, 3), joints_m (21, 3): posed skin points and joints of this frame; floor_m: height of the floor, None
-        if unknown. A hidden foot stays where it stood, unless cameras see past this place. A foot may be hidden without
-        ever having been seen standing. If such a foot is on the floor in the registered pose, it is held at this place
-        until the next frame. So it does not swing if the visible hip and knee bend.
+        if unknown. A hidden foot stays where it stood, unless cameras see past this place, that is, see something
+        farther away there. A foot may be hidden without ever having been seen standing. If such a foot is on the floor
+        in the registered pose, it is kept at this place until the next frame. So the hidden foot does not swing if the
+        visible hip and knee bend.
         """
         for side in SIDES:
             ankle = JOINT_INDEX[f"Ankle{side}"]
@@ -259,7 +268,9 @@ class StandingFeet:
                 self._recent[side].clear()
 
     def rows(self, time_s: float) -> Constraints:
-        """Return constraints that hold the standing feet in place in the frame at time_s; other feet get no rows."""
+        """Return constraints that keep the standing feet in place in the frame at time_s; feet that do not stand get no
+        rows.
+        """
         held = []
         for side, stand in self._stand.items():
             sigma_m = SIGMA_M + DRIFT_M_S * abs(time_s - stand.since_s)

@@ -1,4 +1,4 @@
-"""Measure the gap between each region of the patient's posed skin and each part of the equipment that is near it."""
+"""Measure the gap between each region of the patient's posed skin and each part of the equipment near this region."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.equipment import EquipmentModel
 
 NEAR_M: Final = 0.12  # m, maximum gap that is stored; all gaps that may be contacts are far smaller
-# m, standard deviation of the equipment model's surface; docs/guide/equipment.md allows errors of two sigma (0.01 m)
+# m, standard deviation of the place of the equipment model's surface; docs/guide/equipment.md allows errors of 0.01 m,
+# which is two sigma
 MODEL_SIGMA_M: Final = 0.005
 SAMPLING_M: Final = 0.005
 """Metres that are subtracted from each gap: the nearest skin point is farther from the equipment than the continuous
@@ -37,7 +38,8 @@ _ENDS: Final = {
     "knee": ("Knee",),
     "shank": ("Knee", "Ankle"),
 }
-"""The joints that determine the place of each region's skin. The skin gets the sigma of the least certain of them."""
+"""The joints that determine the place of each region's skin. The region's skin gets the sigma of the least certain of
+these joints."""
 
 
 def _joints_of(region: str) -> list[int]:
@@ -56,7 +58,8 @@ class EquipmentGaps:
 
     part: np.ndarray  # (n,) int16, index into the parts of the equipment model
     region: np.ndarray  # (n,) uint8, index into ``REGIONS``
-    gap_m: np.ndarray  # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside it
+    # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside the part
+    gap_m: np.ndarray
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
     # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
     area_m2: np.ndarray
@@ -83,9 +86,9 @@ def find_equipment_gaps(
 ) -> EquipmentGaps:
     """Return the gaps between the patient's skin and the equipment in one frame.
 
-    skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): NaN for a lost joint; regions of the body
-    with a lost joint have no gaps. reach_m: maximum distance between equipment and the skin that counts in ``area_m2``
-    and ``shown``.
+    skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): sigma of each joint, NaN for a lost joint;
+    no gaps are returned for regions of the body with a lost joint. reach_m: maximum distance between equipment and the
+    skin that counts in ``area_m2`` and ``shown``.
     """
     region, sigma_m = region_of_points(body.points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region] & skin_there(body))
@@ -119,8 +122,8 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
 
 
 def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: points in the box. Testing one axis after another takes half the time of testing all axes at
-    once.
+    """Return (p,) bool: whether each skin point is in the box. The axes are tested in succession, which takes half the
+    time of testing all axes at once.
     """
     inside = (skin_m[:, 0] > low_m[0]) & (skin_m[:, 0] < high_m[0])
     for axis in (1, 2):

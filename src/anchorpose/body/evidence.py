@@ -38,13 +38,15 @@ _FLESH_M: Final = 0.03
 # nearest to the point may be on the wrong side
 _DEEPEST_M: Final = 0.15
 _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, since soft tissue gives way
-# m, allowed depth of skin below the floor, for errors of the floor's height and of the soles of approximate bodies
+# m, allowed depth of skin below the floor, since the floor's height and the soles of approximate bodies have errors
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor. A pose with a foot at the height ``_IN_THE_AIR_M`` becomes less probable
-# by 3 nats, with a far higher foot by 6 nats: in rehabilitation 95 of 100 feet stand on the floor, and ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor. A pose becomes less probable by 3 nats with a foot at the height
+# ``_IN_THE_AIR_M``, and by 6 nats with a far higher foot: in rehabilitation 95 of 100 feet stand on the floor, and
+# ln(95 / 5) is 3
 _STANDING_M: Final = 0.14
-_IN_THE_AIR_M: Final = 0.5  # m above the floor, scale of the robust kernel for a foot's height
+# m above the floor, scale of the robust kernel for a foot's height: at this height the cost is half of its limit
+_IN_THE_AIR_M: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,7 @@ class Evidence:
     views: tuple[View | None, ...]  # each camera's depth image with labels; None without a depth image
     outlines: tuple[np.ndarray | None, ...]  # from ``find_outline``; None without a depth image that shows the person
     cameras: tuple[Camera, ...]
-    floor_m: float | None = None  # world height of the floor; None if unknown
+    floor_m: float | None = None  # m, height of the floor in the world; None if unknown
     label: int = PixelLabel.PATIENT  # the person's pixel label
     noises: tuple[DepthNoise | None, ...] = ()  # each camera's noise; None without a depth image; empty if unknown
 
@@ -67,18 +69,20 @@ def gather_evidence(
     floor_m: float | None = None,
     noises: Sequence[DepthNoise | None] = (),
 ) -> Evidence:
-    """Return the evidence of one frame for the patient. The outlines are computed here, once for all registrations."""
+    """Return the evidence of one frame for the patient. The outlines of the patient are computed here, once for all
+    registrations to this frame.
+    """
     outlines = tuple(each(lambda view: None if view is None else find_outline(view), views))
     return Evidence(surface, tuple(views), outlines, tuple(cameras), floor_m, noises=tuple(noises))
 
 
 def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node along its normal, metres, and the number (n,) of its patch. Nodes of one patch
-    share one error.
+    """Return the sigma (n,) of each node's place along its normal, metres, and the number (n,) of the patch to which
+    the node belongs. Nodes of one patch share one error.
 
-    thinned: share of the nodes that are used. A used node may represent more pixels than the pixels that share one
-    error. Denoising then averages the errors of its pixels, so the node is a patch of its own, with less noise. Sigma
-    is 0 if the camera's noise is unknown.
+    thinned: share of the nodes that are used. If few nodes are used, each node may represent more pixels than share one
+    error. In this case, denoising averages the errors of the node's pixels, so the node is a patch of its own, with
+    less noise. Sigma is 0 if the camera's noise is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -101,12 +105,13 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
 
 
 def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
-    """Return the number of constraint rows that count as one observation in this frame, with the cameras' noise
-    included.
+    """Return the number of constraint rows that count as one observation in this frame. This number includes the effect
+    of the cameras' noise.
 
-    The setting ``rows_per_observation`` is this number for errors of clothes and folds alone. A sensor that smooths its
-    images gives a whole patch of nodes the same error (``node_noise``). The patch's number of nodes is added, times the
-    noise's variance relative to that of the surface error.
+    The setting ``rows_per_observation`` is this number if only clothes and folds cause errors. A sensor that smooths
+    its images gives a whole patch of nodes the same error (``node_noise``). So a second term is added: the mean, over
+    all nodes, of the number of used nodes in the node's patch times the variance of the node's noise, divided by the
+    variance of the surface error (``surface_sigma_m``).
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
     noise_m, patch = node_noise(evidence, used)
@@ -117,9 +122,10 @@ def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin that should be seen, but is not,
-    is pulled to the outline. Forearms and hands stay out of the trunk, and the shanks out of each other. No skin is
-    below the floor, and feet stand on the floor.
+    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin points that a camera should see,
+    but does not, are pulled to the patient's outline. Forearms and hands are pushed out of the trunk, and the left
+    shank out of the right shank. Skin more than ``_ALLOWED_FLOOR_M`` below the floor is pulled up to this depth, and
+    feet are pulled to the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -212,8 +218,8 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the background or another person farther away than ``farthest``. Background without
-    a reading counts, too. farthest: the maximum depth of the patient's skin at this pixel.
+    """Return whether a pixel shows the background or another person farther away than ``farthest``. Such pixels without
+    a reading count, too. farthest: the maximum depth of the patient's skin at this pixel.
     """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
@@ -222,8 +228,8 @@ def _stray(label: int, depth: float, farthest: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int) -> tuple[int, int]:
-    """Return row and column of the nearest True pixel at most reach_px rows and columns away; -1, -1 without such a
-    pixel.
+    """Return row and column of the True pixel nearest to the pixel (row, column), at most reach_px rows and columns
+    away; -1, -1 without such a pixel.
     """
     height, width = possible.shape
     best, best_row, best_column = np.inf, -1, -1
@@ -264,8 +270,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
     Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
-    shank or foot gets a row only if the place ``_FLESH_M`` below it is inside the right shank or foot. Without these
-    rows, both shanks could be fitted to the seen surface of one shank.
+    shank or foot gets a row only if the place at the depth ``_FLESH_M`` below this point is inside the right shank or
+    foot. Without these rows, both shanks could be fitted to the seen surface of one shank.
     """
     (trunk, arms), (left, right) = trunk_and_arms(body.points), shanks(body.points)
     return join([_pushed_out(body, posed, arms, trunk, 0.0), _pushed_out(body, posed, left, right, _FLESH_M)])
@@ -273,7 +279,8 @@ def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
 
 def _pushed_out(body: Body, posed: PosedPoints, limb: np.ndarray, part: np.ndarray, below_m: float) -> Constraints:
     """Return rows that push the skin points ``limb`` out of the body part with the skin points ``part``. A point gets a
-    row if the place inside the limb, ``below_m`` metres below the point, is inside the part.
+    row if the place ``below_m`` metres below the point, inside the limb, is also inside the part by more than
+    ``_ALLOWED_M``.
     """
     if body.shape.missing:
         limb = limb[~missing_points(body.points.asset, body.points.part[limb], body.shape.missing)]
@@ -297,7 +304,8 @@ def floor_rows(posed: PosedPoints, floor_m: float) -> Constraints:
 
 def standing_rows(body: Body, posed: PosedPoints, floor_m: float, rows_per_observation: float) -> Constraints:
     """Return a row for each foot that pulls its lowest skin point to the floor. The row counts as one observation, or
-    as less if the foot is far above the floor. This row keeps the foot of a leg that no camera sees on the floor.
+    as less if the foot is far above the floor. If no camera sees a leg, this row keeps the foot of the leg on the
+    floor.
     """
     feet = [foot[posed.points_m[foot, 1].argmin()] for foot in _feet(body.points, body.shape.missing) if len(foot)]
     target = posed.points_m[feet].copy()
@@ -323,9 +331,9 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the point of ``trunk`` nearest to each tested place ``asked[arms]``, if it is nearer than ``_DEEPEST_M``.
-    Return the rows of these places in ``arms`` and of the points in ``trunk``. ``arms`` and ``trunk`` may also be two
-    shanks.
+    """Find, for each tested place ``asked[arms]``, the nearest point of ``trunk``, if this point is nearer than
+    ``_DEEPEST_M``. Return the indices in ``arms`` of the places with such a point, and the indices in ``trunk`` of
+    their nearest points. ``arms`` and ``trunk`` may also be two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -1,8 +1,8 @@
 """Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
 
 Two quantities show that a limb is misplaced. The first is the area of the patient's seen skin that no part of the posed
-body covers. The second is the share of each limb's skin that a camera sees past, because it sees something farther
-away.
+body covers. The second is the share of each limb's skin that a camera sees past, that is, where the camera sees
+something farther away than the posed skin.
 """
 
 from __future__ import annotations
@@ -27,29 +27,31 @@ from anchorpose.isolation.view import View
 # m, maximum distance from a node to a skin point that covers it; the distance allows for the thickness of clothes, the
 # spacing of skin points and half the thickness of a forearm
 COVERED_M: Final = 0.06
-NODES: Final = 2500  # maximum number of nodes that are examined; registration uses as many
+NODES: Final = 2500  # maximum number of nodes that are examined; registration uses the same number of nodes
 # minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable
 LEAST_FACING: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """The measures of how well a pose explains a frame: the nodes that the posed skin covers, and the skin that cameras
-    see past.
+    """The measures of how well a pose explains a frame: the nodes that the posed skin covers, and the share of the skin
+    that cameras see past (where they see something farther away).
     """
 
     covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
     node: np.ndarray  # (u,) int, index of each examined node that no posed skin covers
     thinned: float  # ratio of the number of surface nodes to the number of examined nodes
-    # area of skin that the uncovered nodes of one camera represent; the largest value of all cameras
+    # m2, area of the patient's seen skin that the uncovered nodes of one camera represent; the largest value of all
+    # cameras
     uncovered_m2: float
     # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
     # too little of the limb is in view
     seen_past: np.ndarray
-    covering: np.ndarray  # (p,) bool, whether the skin point covers a node (is the nearest to it)
+    # (p,) bool, whether the skin point covers a node, that is, is the point nearest to one of the nodes ``covered``
+    covering: np.ndarray
 
 
-@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
+@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need the result
 def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Explanation:
     """Measure how well a posed body explains one frame."""
     chosen = thin(len(evidence.surface), NODES)
@@ -65,8 +67,8 @@ def explain(points: SkinPoints, posed: PosedPoints, evidence: Evidence) -> Expla
 
 
 def node_area_m2(evidence: Evidence) -> np.ndarray:
-    """Return (c,) m2: for each camera, the area that one of its nodes represents, perpendicular to the rays; 0 without
-    nodes.
+    """Return (c,) m2: for each camera, the area of skin that a single node of this camera represents, measured
+    perpendicular to the rays; 0 for a camera without nodes.
     """
     area = np.zeros(len(evidence.cameras))
     count = np.bincount(evidence.surface.camera, minlength=len(area))
@@ -81,8 +83,9 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return ``Explanation.seen_past`` (PARTS,). A camera sees past a skin point if the reading at its pixel is farther
-    away; hidden skin counts as not seen past.
+    """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past. A
+    camera sees past a skin point if the reading at the point's pixel lies more than ``COVERED_M`` behind the point, or
+    if the pixel shows the background without a reading; hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -93,9 +96,9 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If the
-    body's facing is uncertain, this share is better than the largest share of one camera: a camera that sees the body
-    from the side sees past more of the body than other cameras do.
+    """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If it is
+    uncertain which way the body faces, this share is more reliable than the largest share of one camera
+    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -105,8 +108,8 @@ def seen_past_by_all(
 def _seen_past_counts(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, for each camera, how many skin points of each limb (PARTS,) it sees past, and how many points it could see
-    past.
+    """Yield, for each camera, how many skin points of each limb (PARTS,) the camera sees past, and how many points the
+    camera could see past.
     """
     limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):
@@ -118,8 +121,8 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, per limb (PARTS,), how many skin points the camera sees past, and how many face the camera at pixels with
-    readings.
+    """Return, per limb (PARTS,), how many skin points the camera sees past, and how many skin points face the camera.
+    Points outside the image and points at holes (``SkinReason.HOLE``) are not counted.
     """
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
@@ -131,7 +134,7 @@ def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tup
 
 @cache
 def limb_of_points(points: SkinPoints) -> np.ndarray:
-    """Return the limb (p,) of each skin point, as in ``LIMB_OF_BONES``; 0: trunk and head."""
+    """Return the limb (p,) of each skin point, numbered as in ``LIMB_OF_BONES``; 0 stands for trunk and head."""
     return np.asarray(LIMB_OF_BONES[_bone_of_points(points)])
 
 
@@ -142,8 +145,8 @@ def segment_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the row in ``MOVING_BONES`` of each skin point's bone or, if the bone is not listed, of its nearest
-    listed ancestor.
+    """Return (p,) the index in ``MOVING_BONES`` of each skin point's bone. If this list lacks the bone, return the
+    index of the bone's nearest listed ancestor.
     """
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}

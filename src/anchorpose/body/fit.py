@@ -1,5 +1,5 @@
-"""Fit the pose (and shape) of the articulated body to constraint rows by Gauss-Newton steps. The ranges in which
-people's joints bend serve as priors.
+"""Fit the pose (and shape) of the articulated body to constraint rows (linear equations on its skin points) by
+Gauss-Newton steps. The ranges in which people's joints bend serve as priors.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from anchorpose.body.shape_rows import FreeShape, accumulate_shape
 from anchorpose.body.skin_points import Body, PosedPoints, SkinPoints, pose_points
 from anchorpose.rotations import inverse_left_jacobian
 
-HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE  # rad, standard deviation of how far a knee, elbow or hip bends past its limit
-# minimum number of observations for a part of a limb to count as seen; a single observation may be an outlier
+# rad, standard deviation of the angle by which a knee, elbow or hip bends beyond its limit
+HINGE_LIMIT_SIGMA: Final = 3.0 * DEGREE
+# minimum number of observations for the upper or lower part of a limb to count as seen; a single observation may be an
+# outlier
 LEAST_OBSERVED: Final = 2.0
-MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone in one step of the solver
+MAX_TURN: Final = 30.0 * DEGREE  # rad, maximum turn of a bone about each axis in one step of the solver
 
 Predicted = tuple[Pose, np.ndarray]
 """A predicted pose and its inverse covariance (POSE_SIZE, POSE_SIZE)."""
@@ -52,8 +54,8 @@ def pose_equations(
 ) -> NormalEquations:
     """Return the normal equations of one frame from its constraint rows and the prior.
 
-    prior: the prior on the pose, from ``prior_equations``. free: the shape parameters that are fitted, too; None: only
-    the pose is fitted.
+    prior: the prior on the pose, from ``prior_equations``. free: the numbers of shape parameters that are fitted
+    together with the pose; None: only the pose is fitted.
     """
     size = POSE_SIZE + (0 if free is None else sum(free))
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
@@ -73,8 +75,8 @@ def pose_equations(
 
 
 def hidden_bones(points: SkinPoints, rows: Constraints, rows_per_observation: float) -> tuple[int, ...]:
-    """Return the bones, as rows of ``MOVING_BONES``, of the hidden parts of limbs. A limb has two parts, divided at
-    elbow or knee. A part is hidden if it has fewer than ``LEAST_OBSERVED`` observations.
+    """Return the bones of the hidden parts of limbs, as indices into ``MOVING_BONES``. A limb has two parts, divided at
+    the elbow or knee. A part is hidden if fewer than ``LEAST_OBSERVED`` observations lie on it.
     """
     observed = np.bincount(segment_of_points(points)[rows.point], minlength=2 * PARTS) / rows_per_observation
     return _bones_of_segments(tuple((observed < LEAST_OBSERVED).tolist()))
@@ -104,13 +106,17 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) of a pose if only joint range and hinge limits are known."""
+    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) that a pose has if only joint ranges and hinge limits are
+    known, without any observation.
+    """
     return prior_equations(points, pose, None, hidden).hessian
 
 
 @njit(cache=True, nogil=True)
 def _coupled(information: np.ndarray, m: int, n: int) -> bool:
-    """Return whether an inverse covariance (m, 3, m, 3) has an entry other than 0 for the bones m and n."""
+    """Return whether an inverse covariance (m, 3, m, 3) couples the two bones with the indices m and n, that is, has an
+    entry other than 0 for this pair of bones.
+    """
     for i in range(3):
         for j in range(3):
             if information[m, i, n, j] != 0.0:
@@ -180,7 +186,7 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
 
 
 def limited(change: np.ndarray) -> np.ndarray:
-    """Return the change, shortened so that no bone turns farther than ``MAX_TURN``."""
+    """Return the change, scaled down so that no bone turns farther than ``MAX_TURN`` about any axis."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
     return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
 
@@ -191,7 +197,7 @@ def damped_step(
     """Return the pose after one Gauss-Newton step.
 
     Without a prediction (None), constraint rows may pull a limb to another limb's surface. So the rows of a limb do not
-    prove that it is seen, and all limbs have the joint ranges of hidden limbs (``joint_range``).
+    prove that the limb is seen, and all limbs have the joint ranges of hidden limbs (``joint_range``).
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

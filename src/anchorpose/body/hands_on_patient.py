@@ -1,8 +1,9 @@
 """Find hands of other people that have the patient's label: readings with this label that lie away from the patient's
 posed skin and are connected to another person.
 
-A hand that holds the patient has no step in depth around it, so segmentation often gives the hand the patient's label.
-The patient's posed skin reveals the error, since it lies a hand's thickness below the readings of the hand.
+The depth hardly changes from the patient to a hand that holds the patient, so segmentation often gives the hand the
+patient's label. The patient's posed skin reveals the error, since this skin lies a hand's thickness below the readings
+of the hand.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ HAND_M: Final = 0.2  # m, length of a hand from the finger tips to the wrist
 # m; a reading farther than this outside the patient's posed skin may show another person's fingers; most errors of the
 # learnt skin are smaller
 STANDS_OFF_M: Final = 0.015
-SKIN_REACH_M: Final = 0.10  # m, half a thigh's thickness; readings farther from all skin points show something else
-STEP_PX: Final = 2  # only every second row and column of an image is used: at 2.5 m they are a finger's width apart
+# m, half a thigh's thickness; readings farther than this from all skin points do not show the patient's skin
+SKIN_REACH_M: Final = 0.10
+# only every second row and column of an image is used: at 2.5 m, the used rows are a finger's width apart
+STEP_PX: Final = 2
 STEEPEST: Final = 8.0
 """Maximum ratio of depth difference to sideways distance between neighbouring pixels of one arm: a slant of 83 degrees,
 as on a forearm that points at the camera. With a ratio of 2, a tenth of the contacts was missed in the four simulated
@@ -70,8 +73,8 @@ def _beside_people(
 
 
 def _stands_off(posed: PosedPoints, place_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: places (n, 3) that lie more than ``STANDS_OFF_M`` outside the nearest skin, or more than
-    ``SKIN_REACH_M`` away from all skin.
+    """Return (n,) bool: whether each of the places (n, 3) lies more than ``STANDS_OFF_M`` outside the nearest skin, or
+    more than ``SKIN_REACH_M`` away from all skin.
     """
     nearest = nearest_point(posed.points_m, place_m.astype(np.float64), SKIN_REACH_M)
     outwards = np.einsum("ni,ni->n", place_m - posed.points_m[nearest], posed.normals[nearest])
@@ -82,7 +85,7 @@ def _owners(
     depth_m: np.ndarray, labels: np.ndarray, row: np.ndarray, column: np.ndarray, focal_px: float
 ) -> np.ndarray:
     """Return (n,) uint8: label of the other person to whom each pixel (row, column) is connected without a step in
-    depth; 0 without such a person.
+    depth; 0 if the pixel is connected to no other person.
     """
     person = labels >= PixelLabel.OTHER_PERSON
     mask = person.copy()

@@ -1,8 +1,8 @@
 """Find a person's first pose, and a first estimate of the patient's shape, without a predicted pose.
 
 The learnt descriptor matches pixels to places on the body. Poses are fitted to these matches and then registered to the
-surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape; ``find_rough_pose``
-serves for other people and uses a body of given shape.
+surface, and the most probable pose is kept. ``find_first_pose`` also fits the patient's shape. ``find_rough_pose``
+serves for other people and does not change the shape of the given body.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from anchorpose.body.skin_points import Body, FittedShape, body_points, build_bo
 
 _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
 """Maximum distance (m) at which a node pulls the skin, one value per registration step. The steps begin at the pose
-fitted to the descriptor's matches, which have errors of up to 0.2 m on hands."""
+fitted to the descriptor's matches. Matches on hands have errors of up to 0.2 m."""
 
 # number of first steps that fit the pose alone; while the pose is still inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
-# m, maximum distance at which a node pulls the skin, per step of ``find_rough_pose``, which takes fewer steps
+# m, maximum distance at which a node pulls the skin, one value per registration step of ``find_rough_pose``, which
+# takes fewer steps than ``find_first_pose``
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
@@ -39,10 +40,11 @@ class FirstPose:
 
     pose: Pose
     belief: ShapeBelief
-    log: float  # nats, log probability of pose and shape, given the images and the prior
+    log: float  # nats, log probability of pose and shape, given the images and the prior knowledge of bodies
     facing: float  # nats, prior log probability that the patient faces this way (``facing_nats``)
-    # poses with the opposite facing. If the shape was known before, the first pose has this shape, and the second a
-    # newly fitted shape. Otherwise only one pose is listed, and its shape was fitted with it
+    # poses in which the patient faces the opposite way. If the shape was known before, the first pose has this shape,
+    # and the second pose a newly fitted shape. Otherwise only one pose is listed, and its shape was fitted together
+    # with the pose
     others: tuple[FirstPose, ...] = ()
 
     @property
@@ -52,7 +54,8 @@ class FirstPose:
 
     def ahead_of(self, turned: FirstPose) -> float:
         """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference between
-        the ``log`` of both poses is reduced (``believed``), since it has an error.
+        the ``log`` of both poses is reduced (``believed``), since errors of shape and clothes contribute to this
+        difference.
         """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 
@@ -61,7 +64,8 @@ class FirstPose:
 class FirstShape:
     """The knowledge of the patient's shape before the first pose is found."""
 
-    # shapes to try: the patient's learnt shape, or an adult's and a child's shape of the stated or visible stature
+    # shapes to try: the patient's learnt shape, or else shapes of adults and children, whose stature is the stated
+    # stature or is derived from the images
     tried: Sequence[ShapeBelief]
     may_change: bool  # whether the fit of the first pose may change these shapes
 
@@ -69,10 +73,12 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit each body of ``shape.tried`` to matches and surface, and keep the most probable body; then fit this body with
-    the opposite facing, too. Return the pose with the likelier facing, and the alternatives in ``others``.
+    """Fit a body of each shape in ``shape.tried`` to matches and surface, and keep the most probable body. Then fit
+    this body with the opposite facing, too. Return the pose with the likelier facing, and the alternatives in
+    ``others``.
 
-    A learnt body is valid only for the facing with which it was learnt, so a new body is fitted for the other facing.
+    A learnt shape is valid only for the facing with which it was learnt, so a new shape is also fitted for the opposite
+    facing.
     """
     found = [_fitted(evidence, person.matches, tried, person.pose, shape, config) for tried in shape.tried]
     number = max(range(len(found)), key=lambda k: found[k].log)
@@ -101,7 +107,9 @@ def _fitted(
 def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
-    """Register the body to the surface, from a pose fitted to matches. may_change: whether its shape is fitted, too."""
+    """Register the body to the surface, beginning at a pose fitted to matches. may_change: whether the body's shape is
+    fitted, too.
+    """
     shape = belief.shape
     body = build_body(body_points(), shape)
     for number, reach_m in enumerate(_REACHES_M):
@@ -120,8 +128,8 @@ def _settle(
 def find_rough_pose(
     body: Body, evidence: Evidence, matches: Matches, start: Pose | None, config: RegistrationConfig
 ) -> Pose:
-    """Return the pose of a person's given body: it is fitted to the matches, then registered to the surface. start: a
-    pose that was already fitted to the matches, None without it.
+    """Return the pose of a person whose body is given: the body is fitted to the matches, then registered to the
+    surface. start: a pose that was already fitted to the matches; None if no such pose is known.
     """
     pose = fit_matches(body, matches, start)
     for reach_m in _ROUGH_REACHES_M:

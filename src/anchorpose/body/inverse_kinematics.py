@@ -1,4 +1,6 @@
-"""Find poses whose joints are at given places: predicted (paper, Section IV), proposed by a search, or a reviewer's."""
+"""Find poses whose joints are at given places. The places are predicted (paper, Section IV), proposed by a search, or
+set by a reviewer.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,11 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-# m, assumed sigma of given joints; predicted joints are means over whole body parts, so a fit closer than this is
-# meaningless
+# m, assumed standard deviation of the given joint places; predicted joints are means over whole body parts, so a closer
+# fit is meaningless
 JOINT_SIGMA_M: Final = 0.01
 # maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction. Random
-# errors exceed this ratio in 1 of 400 cases, so the limb of a joint that exceeds it counts as misplaced
+# errors exceed this ratio in 1 of 400 cases, so the limb of a joint beyond this ratio counts as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose
 _CORRECTION_STEPS: Final = 8  # number of solver steps for a correction, since a limb may have to move across the body
@@ -29,7 +31,7 @@ def pose_from_joints(body: Body, start: Pose, joints_m: np.ndarray) -> Pose:
     """
     bones = joint_bones(body.points.asset)
     known = np.isfinite(joints_m).all(axis=1)
-    # this prior holds the parameters that the joints do not determine at their values in ``start``
+    # with this prior, parameters that the joints do not determine keep their values in ``start``
     nearby = np.diag(1.0 / PATIENT_PACE.variance(1.0))
     pose = start
     for _ in range(_STEPS):
@@ -54,8 +56,8 @@ class CorrectedJoints:
 
 
 def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> bool:
-    """Return whether any joint of the pose is too far from its corrected place for the uncertainty of pose and
-    correction.
+    """Return whether any joint of the pose is farther from its corrected place than the uncertainty of pose and
+    correction allows.
     """
     at, jacobian = _joints(body, belief.pose, corrected)
     variance = place_variance(jacobian, belief.covariance) + corrected.sigma_m**2
@@ -64,7 +66,9 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief, with limbs of corrected joints as uncertain as if no camera had seen them for ``UNSEEN_S``."""
+    """Return the belief in the same pose with more uncertain limbs of corrected joints, as if no camera had seen these
+    limbs for ``UNSEEN_S`` seconds.
+    """
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])
     growth[:-3] *= np.repeat(np.isin(LIMB_OF_BONES, limbs), 3)
@@ -76,7 +80,7 @@ def apply_corrections(body: Body, belief: PoseBelief, corrected: CorrectedJoints
     """Combine a belief with the corrected joints into the most probable pose; bones keep their lengths.
 
     inflation: factor that later converts the posterior's sigma to the reported sigma (``UncertaintyConfig``). The
-    corrections are weighted so that the reported sigma of a corrected joint is the sigma that the reviewer gave.
+    corrections are weighted so that the reported sigma of a corrected joint becomes the sigma that the reviewer gave.
     """
     worth = np.repeat((corrected.sigma_m / inflation) ** -2, 3)
     expected, pose = (belief.pose, belief.information), belief.pose

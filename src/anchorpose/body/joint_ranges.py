@@ -1,9 +1,9 @@
 """Describe how joints bend in people: the range of each joint, and how the joints of arms and legs bend together.
 
-With a range for each joint alone, a hidden leg of a seated person would hang straight. But joints of one limb bend
-together, and so do left and right. These correlations were measured in motion capture of rehabilitation exercises
-(``tools/measure_limb_turns.py``). The correlations predict hidden parts of limbs and decide which of two poses is
-likelier. They do not affect visible parts.
+If only the range of each joint were known, a hidden leg of a seated person would be estimated to hang straight. But the
+joints of one limb bend together, and so do the joints of the left and right limbs. These correlations were measured in
+motion capture of rehabilitation exercises (``tools/measure_limb_turns.py``). The correlations predict hidden parts of
+limbs and decide which of two poses is likelier. The correlations do not affect visible parts.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
 
 
 class JointRange(NamedTuple):
-    """Distribution of bone rotations in people: one Gaussian on the rotation vectors of all moving bones, and hinge
-    limits.
+    """Distribution of bone rotations in people: a single Gaussian on the rotation vectors of all moving bones, and
+    limits to the bending of elbows, knees and hips.
     """
 
-    mean: np.ndarray  # (m, 3) rad, rotation vectors
+    mean: np.ndarray  # (m, 3) rad, mean rotation vector of each moving bone
     information: np.ndarray  # (m, 3, m, 3) inverse of the covariance, 0 for the root
     hinge: np.ndarray  # (m, 3) unit axis about which an elbow, knee or hip bends; 0 for other bones
     hinge_limit: np.ndarray  # (m,) rad, minimum rotation about the axis ``hinge``
 
 
-# Standard deviations in degrees of turns about the rest pose's axes X (abduction), Y (twist) and Z (flexion): about
-# half of the passive ranges in the textbooks. These spreads are broad, since they should decide only about turns that
-# depth images leave open.
+# Standard deviations in degrees of each bone's turns about the rest pose's axes X (abduction), Y (twist) and Z
+# (flexion): about half of the passive ranges of motion in the textbooks. These standard deviations are large, since
+# they should decide only about turns that depth images leave open.
 _SPREAD_DEG: Final = {
     "LowerBack": (8, 8, 14),
     "Spine": (8, 8, 10),
@@ -47,28 +47,32 @@ _SPREAD_DEG: Final = {
     "Foot": (9, 9, 14),
 }
 _SPINE: Final = ("LowerBack", "Spine", "Spine1")
-# standard deviations in degrees of turns about three axes: the hinge, the axis across it, and the bone
+# standard deviations in degrees of turns about three axes: the hinge axis, the axis perpendicular to hinge and bone,
+# and the bone's own axis
 _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
 # rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
 HIP_EXTENSION: Final = 25.0 * DEGREE
-# minimum share of a joint's variance that is independent of other joints, so that raising only one leg stays probable
+# minimum variance of each turn that is independent of other turns, as a share of the turn's variance by the textbooks;
+# with this variance, raising only one leg stays probable
 OWN_VARIANCE: Final = 0.5
-# rad, flexion of a knee below which a pose is less probable. Knees stop at the straight leg, with a standard deviation
-# of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2 log of the share of people whose
-# knees extend so far. This cost is about a parabola that begins one standard deviation before the straight leg
+# rad, flexion of a knee below which a pose is less probable. Knees stop when the leg is straight; the angle at which
+# they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2
+# log of the share of people whose knees extend so far. This cost is nearly a parabola that begins at a flexion of one
+# standard deviation
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
-"""Upper limit (rad) of a visible bone's range: the textbooks' standard deviations are doubled, but not beyond this
-limit, since a person may hold a limb to one side for minutes.
+"""Limit (rad) up to which the standard deviations of a visible bone's turns are widened: the textbooks' values are
+doubled, but not beyond this limit; larger values stay as they are. The values are doubled since a person may hold a
+limb to one side for minutes.
 
 The doubling widens the ranges of turns about a limb's own axis, of abduction and of turns of the feet: with the
 textbooks' ranges, hips and toes were displaced in every frame. Flexions have wide ranges already; still wider ranges
-increased the error of seated people's thighs on real depth by 2 degrees (UTD-MHAD)."""
+increased the error of seated people's thighs in real depth images (UTD-MHAD) by 2 degrees."""
 
 
 class LimbTurns(NamedTuple):
-    """Statistics, in motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
+    """Statistics, measured by motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
 
     mean: np.ndarray  # (k,) rad, mean of each turn
     covariance: np.ndarray  # (k, k) covariance of the turns
@@ -76,7 +80,7 @@ class LimbTurns(NamedTuple):
 
 @cache
 def limb_turns() -> LimbTurns:
-    """Return the statistics of motion capture that ship with the package."""
+    """Return the statistics of limb turns in motion capture, which ship with the package."""
     with (
         resources.files("anchorpose.body").joinpath("data/limb_turns.npz").open("rb") as stream,
         np.load(stream) as stored,
@@ -88,9 +92,9 @@ def captured_turns() -> np.ndarray:
     """Return the matrix (k, 3 m) that maps the rotation vectors of the m moving bones to the k turns that motion
     capture measured, left side first.
 
-    These are all turns of the arms, and the flexions of hips and knees. Captured joints do not show how a thigh turns
-    about its long axis or in which direction a foot points. Captured joints include no joint of the lower back, so the
-    flexion of a hip is measured from the whole trunk to the thigh.
+    These k turns are all turns of the arms, and the flexions of hips and knees. The joints that motion capture measured
+    do not show how a thigh turns about its long axis or in which direction a foot points. Motion capture measured no
+    joint of the lower back, so the flexion of a hip is measured from the whole trunk to the thigh.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -109,8 +113,9 @@ def _limb(name: str) -> str:
 
 
 def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
-    """Return three axes as rows (3, 3): the hinge axis (a positive turn bends the limb), the axis across it, and the
-    axis along the bone. Also return the bend in the rest pose, radians.
+    """Return three axes as rows (3, 3): the hinge axis (a positive turn bends the limb), the axis perpendicular to
+    hinge and bone, and the axis along the bone. Also return the angle by which the joint is bent in the rest pose,
+    radians.
     """
     bone = asset.bone(name)
     parent, child = asset.bone_parents[bone], bone + 1
@@ -126,11 +131,12 @@ def hinge_axes(asset: BodyAsset, name: str) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=512)
 def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> JointRange:
-    """Return the joint range of the asset's skeleton; the root (pelvis) may turn freely.
+    """Return the distribution of joint rotations (``JointRange``) of the asset's skeleton; the root (pelvis) may turn
+    freely.
 
-    hidden: rows of ``MOVING_BONES`` for hidden bones. The turns of hidden bones are predicted from the turns of visible
-    bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks (``SEEN_SPREAD``)
-    about the rest pose. None: all bones follow the statistics of motion capture.
+    hidden: indices of the hidden bones in ``MOVING_BONES``. The turns of hidden bones are predicted from the turns of
+    visible bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks
+    (``SEEN_SPREAD``) about the rest pose. None: all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -156,7 +162,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
 
 class _Textbook(NamedTuple):
-    """Joint ranges by textbooks alone; fields without a comment are described in ``JointRange``."""
+    """Joint ranges that follow from textbooks alone; fields without a comment are described in ``JointRange``."""
 
     # (3 m, 3 m) covariance of the bones' turns if bones turn independently of each other; 0 for the root
     covariance: np.ndarray
@@ -184,7 +190,9 @@ def _textbook(asset: BodyAsset) -> _Textbook:
 
 @cache
 def _where_seen(asset: BodyAsset) -> np.ndarray:
-    """Return the covariance (3 m, 3 m) of the turns of visible bones; see ``SEEN_SPREAD``."""
+    """Return the covariance (3 m, 3 m) of the turns of visible bones: the textbooks' covariance, widened as
+    ``SEEN_SPREAD`` describes.
+    """
     covariance = _textbook(asset).covariance.copy()
     for row in range(1, len(MOVING_BONES)):
         own = slice(3 * row, 3 * row + 3)
@@ -200,8 +208,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
     other turns have the ranges of the textbooks.
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
-    ranges, the spine takes a quarter of this flexion, with the variance of the spine's own range. (When people sit
-    down, the spine takes a third of it, Schoberth 1962.)
+    ranges, the spine contributes a quarter of this flexion, with the variance of the spine's own range. (When people
+    sit down, the spine contributes a third of this flexion, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
@@ -219,9 +227,9 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people. It is the covariance by motion capture plus an
-    independent variance of each turn, since other people move differently from the captured people. The total variance
-    is at least that of the textbooks.
+    """Return the covariance (k, k) of ``captured_turns`` in people. This covariance is the sum of the covariance by
+    motion capture and an independent variance of each turn, since other people move differently from the people in the
+    motion capture. The total variance of a turn is at least its variance by the textbooks.
 
     expected (k, k): covariance of the same turns by the textbooks.
     """
@@ -244,9 +252,9 @@ def turns_together(asset: BodyAsset) -> np.ndarray:
     return found
 
 
-RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm above which the shoulder girdle moves, too
-# turn of the shoulder girdle, divided by the arm's elevation above RAISED; the girdle of an arm that points up turns by
-# 30 degrees (Inman et al. 1944)
+RAISED: Final = 30.0 * DEGREE  # rad, elevation of an arm at which the shoulder girdle begins to turn with the arm
+# turn of the shoulder girdle, divided by the arm's elevation beyond ``RAISED``; when an arm points up, its girdle has
+# turned by 30 degrees (Inman et al. 1944)
 RHYTHM: Final = 0.2
 
 
@@ -254,8 +262,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
     """Return ``joint_range``, but the mean turn of each shoulder girdle grows with the elevation of its arm in the
     pose.
 
-    A step of the fit takes the girdle's mean turn as constant, so this mean pulls the girdle but not the arm. Source:
-    Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    Each step of the fit treats the girdle's mean turn as constant, so the mean turn pulls the girdle but not the arm.
+    Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

@@ -1,4 +1,6 @@
-"""Pose a body by forward kinematics and linear blend skinning, in compiled code; a body may lack parts of limbs."""
+"""Pose a body by forward kinematics and linear blend skinning, in compiled code. A body may lack limbs or parts of
+limbs.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMesh:
-    """One person's skin and skeleton in the rest pose. Axes and units are those of ``BodyAsset``."""
+    """One person's skin and skeleton in the rest pose. Axes and units are the same as in ``BodyAsset``."""
 
     asset: BodyAsset
     vertices: np.ndarray  # (v, 3) places of the skin's vertices
@@ -23,10 +25,10 @@ class BodyMesh:
     bone_tails: np.ndarray  # (b, 3) second ends of the bones
 
     def bone_transforms(self, rotations: np.ndarray, root_m: np.ndarray) -> np.ndarray:
-        """Compute the rigid motion of each bone from rest to posed body (forward kinematics).
+        """Compute the rigid motion of each bone from the rest pose to the posed body (forward kinematics).
 
         rotations : (b, 3, 3), each bone's rotation relative to its parent, in the axes of the rest pose. root_m : (3,)
-        m, the root bone's head in the world.
+        m, place of the root bone's head (first end) in the world.
         Returns T_world_rest : (b, 4, 4).
         """
         return forward(self.asset.bone_parents, self.bone_heads, rotations, root_m)
@@ -131,8 +133,8 @@ def skin(
 def joint_frames(
     transforms: np.ndarray, heads: np.ndarray, parents: np.ndarray, moving: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pivot (m, 3) and the frame (m, 3, 3) of each moving bone. The pivot is the bone's head in the world.
-    The frame has the axes of the parent bone, about which the bone turns.
+    """Return the pivot (m, 3) and the frame (m, 3, 3) of each moving bone. The pivot is the place of the bone's head
+    (first end) in the world. The frame has the axes of the parent bone, about which the bone turns.
     """
     pivot, frame = np.empty((len(moving), 3)), np.empty((len(moving), 3, 3))
     for m in range(len(moving)):
@@ -173,11 +175,11 @@ def joint_derivative(
 
 
 _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "UpLeg", "shank": "Leg", "foot": "Foot"}
-"""For each part that may be missing, the bone at whose head (first end) the part begins."""
+"""For each body part that a person may lack, the bone at whose head (first end) the part begins."""
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:
-    """Return the first bone (nearest to the trunk) that a body without a part such as ``shank_left`` lacks."""
+    """Return the bone nearest to the trunk among the bones that a body without a part such as ``shank_left`` lacks."""
     name, side = part.rsplit("_", 1)
     return asset.bone(f"{side.capitalize()}{_STUMPS[name]}")
 
@@ -192,8 +194,8 @@ def below(asset: BodyAsset, bone: int) -> np.ndarray:
 
 
 def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
-    """Return the body without some parts, such as ``shank_left``. The skin and bones of each part shrink to the joint
-    where it would begin, so that rotations of these bones move nothing.
+    """Return the body without some parts, such as ``shank_left``. The skin and bones of each missing part shrink to the
+    joint where the part would begin, so that rotations of these bones move nothing.
     """
     vertices, heads, tails = mesh.vertices.copy(), mesh.bone_heads.copy(), mesh.bone_tails.copy()
     for part in parts:
@@ -205,12 +207,16 @@ def without_parts(mesh: BodyMesh, parts: Sequence[str]) -> BodyMesh:
 
 
 def missing_points(asset: BodyAsset, part_of_points: np.ndarray, parts: Sequence[str]) -> np.ndarray:
-    """Return (p,) bool: skin points on missing parts. part_of_points (p,): the bone that moves each point most."""
+    """Return (p,) bool: whether each skin point is on a missing part. part_of_points (p,): the bone that moves each
+    point most.
+    """
     return np.isin(part_of_points, np.flatnonzero(_missing_bones(asset, parts)))
 
 
 def missing_joints(asset: BodyAsset, parts: Sequence[str]) -> np.ndarray:
-    """Return (21,) bool: the joints on missing parts. The joint where a missing part would begin is not missing."""
+    """Return (21,) bool: whether each joint is on a missing part. The joint where a missing part would begin is not
+    missing.
+    """
     bones = joint_bones(asset)
     stumps = [stump_of(asset, part) for part in parts]
     outermost = [stump for stump in stumps if not any(below(asset, other)[stump] for other in stumps if other != stump)]

@@ -1,4 +1,4 @@
-"""Learn the patient's shape, and with it the bone lengths, from several frames together."""
+"""Learn the patient's shape, which includes the bone lengths, from several frames together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from anchorpose.joints import JOINT_INDEX
 
 # m, maximum distance at which a node pulls the skin, for each solver step; three more steps did not change bone lengths
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)
-# m, as ``REACHES_M``, for a shape that is already known from earlier frames
+# m, like ``REACHES_M``, but for a shape that is already known from earlier frames
 REFINING_M: Final = (0.07, 0.06)
 LARGEST_STEP: Final = 1.0  # maximum change of a shape coefficient in one step of the solver, in standard deviations
 
@@ -46,11 +46,12 @@ def learn_body(
     config: RegistrationConfig,
     reaches_m: Sequence[float] = REACHES_M,
 ) -> LearnedBody:
-    """Fit one shape to all frames, and a pose to each frame: alternate between matching nodes to skin and a
-    Gauss-Newton step on the shape and all poses.
+    """Fit a single shape to all frames, and a pose to each frame. Two operations alternate: nodes are matched to skin
+    points, and a Gauss-Newton step changes the shape and all poses.
 
-    shape: the initial shape. known: the belief without these frames, from a prior or from earlier frames. The more
-    certain ``known`` is, the less the frames change the shape. Raises ValueError if no frame is given.
+    shape: the initial shape. known: the belief in the shape without these frames, from a prior or from earlier frames.
+    The more certain the belief ``known`` is, the less the frames change the shape. Raises ValueError if no frame is
+    given.
     """
     if not poses:
         raise ValueError("a body needs at least one frame to be learnt from")
@@ -68,8 +69,8 @@ def learn_body(
 def most_different(points: SkinPoints, poses: Sequence[Pose], count: int) -> list[int]:
     """Return increasing indices of up to ``count`` poses whose limbs are bent and turned most differently.
 
-    Poses are chosen one after another, each as different as possible from the poses chosen before. Bent limbs show
-    where their joints are, and a pose similar to a chosen pose adds nothing.
+    Poses are chosen one after another, each as different as possible from the poses chosen before. Poses with bent
+    limbs show where the joints of these limbs are, and a pose similar to a chosen pose adds no knowledge.
     """
     limbs = [row for row, bone in enumerate(MOVING_BONES) if bone.endswith(("Arm", "UpLeg", "Leg"))]
     turns = np.array([pose.rotation_vectors(points.moving)[limbs].ravel() for pose in poses])
@@ -94,10 +95,11 @@ class ShapeFrame:
 def learn_shape_step(
     points: SkinPoints, shape: FittedShape, frames: Sequence[ShapeFrame], known: ShapeBelief
 ) -> tuple[ShapeBelief, list[Pose]]:
-    """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose (Schur complement).
+    """Take one Gauss-Newton step on the shape that all frames share and on every frame's pose; the poses are eliminated
+    from the equations by the Schur complement.
 
-    known: the belief without these frames. Return the belief that includes the frames, linearised at ``shape``, and the
-    new pose of each frame.
+    known: the belief in the shape without these frames. Return the belief that includes the frames, linearised at
+    ``shape``, and the new pose of each frame.
     """
     body, count = build_body(points, shape), known.free.coefficients
     seen, slope = np.zeros_like(known.seen), np.zeros_like(known.pull)
@@ -142,7 +144,7 @@ skeleton, so their distance is the same in all poses."""
 LEAST_BONE_M: Final = 1e-6  # m; a bone shorter than this counts as missing
 SYSTEMATIC_M: Final = {"upper_arm": 0.004, "forearm": 0.008, "thigh": 0.009, "shank": 0.008}
 """Systematic error (m) of a learnt bone length, due to clothes, folds and bodies that differ from the model. More
-frames do not reduce it. The values were set on suite ``bodies`` of ``benchmarks/run.py``."""
+frames do not reduce this error. The values were determined with the suite ``bodies`` of ``benchmarks/run.py``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +179,7 @@ def bone_lengths(asset: BodyAsset, belief: ShapeBelief) -> tuple[BoneLength, ...
 
 
 def _spans(asset: BodyAsset, shape: FittedShape) -> np.ndarray:
-    """Return the vector (n, 3) from the first to the second joint of each of ``BONES`` in the rest pose."""
+    """Return the vector (n, 3), metres, from the first to the second joint of each of ``BONES`` in the rest pose."""
     start, end = _ends(asset)
     heads = shape.mesh(asset).bone_heads
     return np.asarray(heads[end] - heads[start])

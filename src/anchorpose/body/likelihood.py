@@ -1,10 +1,11 @@
-"""Compute the likelihood of depth readings given a body's pose, and how well each limb is explained.
+"""Compute the likelihood of depth readings given a body's pose, and how well the pose explains the readings at each
+limb.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
-a reading raises the score, skin that a camera sees past lowers it, and hidden skin does not change it. Pixels with the
-person's label beside the rendered skin show clothes, and they raise the score as well. Otherwise a taller body, which
-fills the outline of loose clothes, would be more probable than the correct body.
+a reading raises the score, skin that a camera sees past lowers the score, and hidden skin does not change the score.
+Pixels with the person's label beside the rendered skin show clothes, and these pixels raise the score as well.
+Otherwise a taller body, which fills the outline of loose clothes, would be more probable than the correct body.
 """
 
 from __future__ import annotations
@@ -25,26 +26,27 @@ from anchorpose.camera import Camera
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.lens import pixel_of_ray
 
-# m, width at the body of a pixel at the reduced resolution; a wrist is two of these pixels wide
+# m, width on the body that a pixel of the reduced resolution covers; a wrist is two of these pixels wide
 FOOTPRINT_M: Final = 0.02
 # m, typical depth difference between rendered skin and reading, due to clothes and the coarse sampling of the skin
 SKIN_SIGMA_M: Final = 0.02
-ALIKE_M: Final = 0.05  # m, side of a patch of skin whose readings share one error, from clothes and folds
+ALIKE_M: Final = 0.05  # m, side of a patch of skin whose readings share one error, which is due to clothes and folds
 RANGE_M: Final = 4.0  # m, range of a depth camera; an unknown object may be anywhere within it
 CLUTTER: Final = 0.1  # assumed share of the person's pixels that show an unknown object instead of the person's skin
-PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, as the body model is inexact
-# minimum number of observations of one camera that show the skin of a part of a limb, for the part to count as seen;
-# one observation is 25 cm2, the area of three fingers
+PAST: Final = 0.05  # share of skin that cameras see past even in a correct pose, since the body model is inexact
+# minimum number of one camera's observations that must show the skin of the upper or lower part of a limb, for this
+# part to count as seen; an observation is 25 cm2 of skin, the area of three fingers
 LEAST_SEEN: Final = 1.0
-# minimum share of one camera's observations of a part of a limb that must show its skin, for the part to count as seen;
-# for example, a strip of thigh does not show the knee
+# minimum share of one camera's observations at the upper or lower part of a limb that must show the skin of this part,
+# for the part to count as seen; for example, a visible strip of the thigh does not show the knee
 LEAST_SHARE: Final = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """The likelihood of the readings at each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2): a column for the part
-    up to elbow or knee, and a column for the part beyond.
+    """The likelihood of the readings at each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2). Their columns are the
+    part of a limb above the elbow or knee and the part below; for the trunk, the lower trunk and the rest with neck and
+    head.
 
     The arrays ``explained``, ``past`` and ``hidden`` count independent observations; one observation is a patch of skin
     of side ``ALIKE_M``.
@@ -54,7 +56,7 @@ class Likelihood:
     explained: np.ndarray  # number of observations that show the skin
     past: np.ndarray  # number of observations that show something behind the skin
     hidden: np.ndarray  # number of observations that show something in front of the skin
-    seen: np.ndarray  # bool, parts of limbs that some camera sees where the pose puts them
+    seen: np.ndarray  # bool, whether some camera sees this part of the limb at the place where the pose puts the part
 
     @property
     def total(self) -> float:
@@ -62,7 +64,7 @@ class Likelihood:
         return float(self.log.sum())
 
 
-@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need it
+@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need the result
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Compute the likelihood of all cameras' readings of the person, given a body in a pose."""
     skin_m = pose_points(body, pose).points_m
@@ -71,15 +73,15 @@ def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
         if view is not None:
             own = _of_camera(body.points, skin_m, view, camera, evidence.label)
             sums += own
-            # a camera whose view of a part is blocked does not make the part less seen by another camera
+            # a part counts as seen if a single camera sees it, even if the views of all other cameras are blocked
             seen |= (own[1] >= LEAST_SEEN) & (own[1] >= LEAST_SHARE * own[1:].sum(axis=0))
     log, explained, past, hidden = sums.reshape(4, PARTS, 2)
     return Likelihood(log, explained, past, hidden, seen.reshape(PARTS, 2))
 
 
 def most_nats(area_m2: float) -> float:
-    """Return the maximum contribution, in nats, of a surface of this area to the log likelihood ratio. This is its
-    contribution if one camera sees it and the body's skin lies exactly on it.
+    """Return the maximum contribution, in nats, of a surface of this area to the log likelihood ratio. The surface
+    contributes this much if one camera sees the surface and the body's skin lies exactly on it.
     """
     skin = (1.0 - CLUTTER) / (np.pi * SKIN_SIGMA_M) + PAST / RANGE_M
     return float(np.log(skin * RANGE_M / CLUTTER)) * area_m2 / ALIKE_M**2
@@ -91,13 +93,15 @@ class RenderedSkin(NamedTuple):
     step: int
     depth_m: np.ndarray  # (h, w) float64, depth of the nearest skin; inf without skin
     point: np.ndarray  # (h, w) int64, the skin point at each rendered pixel; -1 without skin
-    patches: float  # area of a rendered pixel on the body divided by that of a patch of side ``ALIKE_M``, at most 1
+    # area of a rendered pixel on the body, divided by the area of a patch of side ``ALIKE_M``; at most 1
+    patches: float
 
 
 def render_skin(
     points: SkinPoints, skin_m: np.ndarray, camera: Camera, footprint_m: float = FOOTPRINT_M
 ) -> RenderedSkin | None:
-    """Render the skin as a camera sees it, in pixels of about ``footprint_m``; None if all skin is behind the camera.
+    """Render the skin as a camera sees it, in pixels that cover about ``footprint_m`` on the body; None if all skin is
+    behind the camera.
 
     skin_m (p, 3): the skin points in the world.
     """
@@ -157,7 +161,7 @@ def _placed(skin_m: np.ndarray, projection: Projection) -> np.ndarray:
 def _rendered(
     placed: np.ndarray, faces: np.ndarray, step: int, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render the skin's triangles. Return depth and skin point (h, w), as in ``RenderedSkin``."""
+    """Render the skin's triangles. Return the depth and the skin point (h, w) at each pixel, as in ``RenderedSkin``."""
     rows, columns = (height + step - 1) // step, (width + step - 1) // step
     depth, point = np.full((rows, columns), np.inf), np.full((rows, columns), np.int64(-1))
     for f in range(len(faces)):

@@ -1,9 +1,10 @@
-"""Propose other poses for a pose in doubt. A limb is laid along seen skin that the body does not cover, or along the
-path over the surface from an anchor to the body's centre; or limbs are exchanged.
+"""Propose other poses for a pose that may be wrong (a pose in doubt). In a proposed pose, a limb lies along seen skin
+that the body does not cover, or along the path over the surface from an anchor (hand or foot) to the body's centre; or
+left and right limbs are exchanged.
 
-The images determine the proposed limb; the trunk is that of the pose in doubt (``exchanged`` also turns the body
-round). An anchor shows where a limb ends even if no skin is uncovered. For example, an arm that is fitted to the rail
-on the wrong side of a walker covers this rail, so that nothing is uncovered.
+The images determine the place of the proposed limb; the trunk stays as in the pose in doubt (but ``exchanged`` also
+turns the body round). An anchor shows where a limb ends even if the body covers all seen skin. For example, an arm that
+is wrongly fitted to the rail on the other side of a walker covers this rail, so that no skin is left uncovered.
 """
 
 from __future__ import annotations
@@ -35,13 +36,15 @@ SIDES: Final = ("Left", "Right")
 NEIGHBOUR_M: Final = 0.05
 # m2, minimum area of an uncovered piece of skin, the size of a few fingers; smaller pieces are due to clothes
 SMALLEST_M2: Final = 0.002
-# maximum number of uncovered pieces of skin examined at a time, such as two arms and a leg; further pieces wait until
-# these are covered
+# maximum number of uncovered pieces of skin that are examined at a time, enough for two arms and a leg; smaller pieces
+# are examined when larger pieces are covered
 MOST_PIECES: Final = 3
-TURNS: Final = 4  # maximum number of rounds of three solver steps each, since a limb may have to turn by half a circle
-SETTLED_M: Final = 0.01  # m; the solver stops if a round moves no joint over this far; registration refines the pose
-# m, maximum distance by which the tip of a path may be out of a limb's reach for the limb to be laid along the path;
-# the trunk may lean, and the shoulder may move
+# maximum number of rounds of three solver steps each; several are needed if a limb must turn by half a circle
+TURNS: Final = 4
+# m; the solver stops if a round moves no joint farther than this along any axis; registration refines the pose later
+SETTLED_M: Final = 0.01
+# m, maximum distance by which the tip of a path may be beyond a limb's reach; a limb is laid along such a path, too,
+# since the trunk may lean, and the shoulder may move
 REACH_SLACK_M: Final = 0.15
 
 
@@ -50,7 +53,7 @@ class Chain:
     """An arm or a leg."""
 
     bones: tuple[str, ...]  # from the trunk to the hand or foot
-    joints: tuple[str, ...]  # from the hand or foot to elbow or knee
+    joints: tuple[str, ...]  # from the hand or foot to the elbow or knee
     depth_m: tuple[float, ...]  # depth of each of ``joints`` below the skin
     root: str  # name of the joint at the trunk
 
@@ -65,14 +68,16 @@ CHAINS: Final = tuple(
     )
     for side in SIDES
 )
-"""Arms and legs. The depth of a joint is half of the limb's thickness there."""
+"""Arms and legs. The depth of a joint below the skin is half of the limb's thickness at the joint."""
 
 _SIDED: Final = tuple(JOINT_INDEX[f"{joint}{side}"] for joint in ("Shoulder", "Hip") for side in SIDES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimbPath:
-    """A path over the seen surface along which a limb may lie, from the limb's tip to where the limb meets the body."""
+    """A path over the seen surface along which a limb may lie. The path leads from the limb's tip to the place where
+    the limb meets the body.
+    """
 
     places_m: np.ndarray  # (k, 3) places on the skin
     inward: np.ndarray  # (k, 3) unit vectors into the limb
@@ -81,11 +86,11 @@ class LimbPath:
 
 
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
-    """Return the path of each large piece of seen skin that the body does not cover, the largest piece first.
+    """Return a path over each large piece of seen skin that the body does not cover, the largest piece first.
 
-    A path begins at the piece's tip and ends at its root. The root is the node nearest to covered skin; usually the
-    piece meets the covered skin, but a bar may be in between. The tip is the node farthest from the root along the
-    piece.
+    A path begins at the piece's tip and ends at a root. Roots are the nodes within ``NEIGHBOUR_M`` of covered skin;
+    usually the piece meets the covered skin, but if a bar is in between, the root is the node nearest to covered skin.
+    The tip is the node farthest from the roots along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
@@ -103,8 +108,8 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
 
 
 def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Return the graph of neighbouring nodes, with edge lengths in metres, and the connected piece (u,) int of each
-    node.
+    """Return the graph that joins neighbouring nodes, with edge lengths in metres, and the number (u,) int of the
+    connected piece to which each node belongs.
     """
     pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
     length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
@@ -126,8 +131,8 @@ def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
 def _path(
     graph: csr_array, nodes: np.ndarray, points_m: np.ndarray, normals: np.ndarray, away_m: np.ndarray
 ) -> LimbPath:
-    """Return the path through one connected piece of nodes, from the node farthest from the covered skin (tip) to the
-    node nearest to it (root).
+    """Return the path through one connected piece of nodes, from its tip to the nearest of its roots, as in
+    ``uncovered_paths``.
     """
     roots = nodes[away_m[nodes] <= max(NEIGHBOUR_M, float(away_m[nodes].min()))]
     field, before, _ = dijkstra(graph, directed=False, indices=roots, min_only=True, return_predecessors=True)
@@ -139,10 +144,11 @@ def _path(
 
 
 def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] = CHAINS) -> Iterator[Pose]:
-    """Yield two poses with one limb laid along a path, for each of the chains that can reach the path's tip.
+    """Yield two poses for each limb of ``chains`` that can reach the path's tip; in both poses, this limb lies along
+    the path.
 
-    Joints within the path's length are placed on the path. The limb's other joints follow the joint ranges in the first
-    pose, and stay where they are in the second pose.
+    The limb's joints within the path's length are placed under the path, inside the limb. The limb's other joints are
+    placed by the joint ranges in the first pose, and stay where they are in the second pose.
     """
     joints = body.joints(pose)
     lengths = limb_lengths(body)
@@ -164,8 +170,8 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
-    Exchanged limbs keep their places, but the left limb becomes the right one. The skin fits the images as well as
-    before, so the bending of joints and the direction of feet decide whether an exchanged pose is better.
+    Exchanged limbs keep their places, but the left limb becomes the right limb and vice versa. The skin fits the images
+    as well as before, so the bending of joints and the direction of feet decide whether an exchanged pose is better.
     """
     joints = body.joints(pose)
     asset = body.points.asset
@@ -198,7 +204,9 @@ def _mirrored() -> np.ndarray:
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:
-    """Return, for each of ``CHAINS``, the lengths (m) from the limb's tip to each of its joints and to its root."""
+    """Return, for each limb of ``CHAINS``, the lengths (m) from the limb's tip to each of its joints and to its root
+    (shoulder or hip).
+    """
     asset, rest = body.points.asset, body.mesh.rest_joints()
     found = []
     for chain in CHAINS:
@@ -218,7 +226,7 @@ def end_points(points: SkinPoints, chain: Chain) -> np.ndarray:
 
 
 def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
-    """Return the indices of the bone with this name and of all bones below it."""
+    """Return the indices of the bone with this name and of all its descendants in the skeleton."""
     first = asset.bone(name)
     below = {first}
     for bone, parent in enumerate(asset.bone_parents):
@@ -228,8 +236,8 @@ def _bones_from(asset: BodyAsset, name: str) -> np.ndarray:
 
 
 def _held_but(joints: np.ndarray, limbs: Sequence[Chain]) -> np.ndarray:
-    """Return wanted places of the joints (21, 3), to hold all joints but those of ``limbs`` at their present places.
-    Joints of ``limbs`` are NaN; the caller sets them.
+    """Return wanted places of the joints (21, 3): the present places, except for the joints of ``limbs``, which are NaN
+    and are set by the caller.
     """
     wanted = joints.copy()
     wanted[[JOINT_INDEX[name] for chain in limbs for name in chain.joints]] = np.nan
@@ -257,14 +265,14 @@ def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
 
 
 CONTRADICTED_M: Final = 0.15  # m; an anchor farther than this from the tip of its limb contradicts the pose
-# m; an anchor lies nearer to the body's centre than the skin at the tip of its limb, by this distance
+# m, distance by which an anchor lies nearer to the body's centre than the skin at the tip of the anchor's limb
 INSIDE_TIP_M: Final = 0.03
 
 
 def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[LimbPath, tuple[Chain, ...]]]:
-    """Yield geodesic paths to the body's centre, each with the limbs that may lie along it. The paths begin at hand and
-    foot anchors that contradict the pose, and at free ends. Free ends are limb ends that could not be named as hand or
-    foot.
+    """Yield geodesic paths to the body's centre, each with the limbs that may lie along the path. The paths begin at
+    hand and foot anchors that contradict the pose, and at free ends. Free ends are limb ends that were not identified
+    as a particular hand or foot.
 
     A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
     may belong to any limb.
@@ -287,14 +295,16 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
 
 
 def contradicted_by(body: Body, pose: Pose, anchors: Anchors, beyond_m: float) -> np.ndarray:
-    """Return (5,) bool: anchors farther than ``beyond_m`` from their place on the posed body; False if not found."""
+    """Return (5,) bool: whether each anchor is farther than ``beyond_m`` from its place on the posed body; False for an
+    anchor that was not found.
+    """
     tips = pose_points(body, pose).points_m[anchor_points(body.points)]
     away_m = np.linalg.norm(anchors.position_m - tips, axis=1)  # NaN for an anchor that was not found
     return np.asarray(away_m > beyond_m)
 
 
 def anchor_poses(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[Pose]:
-    """Yield poses with one limb laid along one of ``anchor_paths``."""
+    """Yield poses in which a limb lies along a path of ``anchor_paths``."""
     for path, chains in anchor_paths(body, pose, seen):
         yield from limb_poses(body, pose, path, chains)
 

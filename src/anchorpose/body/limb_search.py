@@ -1,5 +1,5 @@
-"""Find misplaced limbs again: propose poses from the images, register these poses, and compare all poses by the same
-evidence.
+"""Find the true places of misplaced limbs: propose poses from the images, register these poses, and compare all poses
+by the same evidence.
 
 The search runs if a registered pose is in doubt, for example because it leaves seen skin uncovered.
 """
@@ -33,14 +33,14 @@ LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds of a search, one for each of the four limbs
 # m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
-# number of nodes in the short registration of proposed poses; a third of all nodes is enough to separate good poses
-# from bad poses
+# number of nodes in the short registration of proposed poses; this third of all nodes is enough to distinguish good
+# poses from bad poses
 TRIAL_NODES: Final = 800
 # m, maximum distance at which a node pulls the skin, per step of the finer registration of the ``BEST`` poses
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
-# m; two poses with all joints closer to each other than this lead to the same registration
+# m; two poses lead to the same registration if each joint moves by less than this from the first pose to the second
 SAME_M: Final = 0.04
-BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be one of them
+BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be among these poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,8 @@ class Search:
     """The result of a search for misplaced limbs."""
 
     registration: Registration  # registration of the best pose
-    taken: bool  # whether the best pose differs from the pose before the search
-    rivals: tuple[Rival, ...] = ()  # other poses that the frame cannot exclude
+    taken: bool  # whether the best pose replaces the pose before the search
+    rivals: tuple[Rival, ...] = ()  # other poses that the images of this frame cannot exclude
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,15 +75,17 @@ class Expected:
     sigma_m: np.ndarray
 
     def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Evaluate a pose by the images, and by the distances of the limbs and the trunk from their expected places."""
+        """Compute a pose's log probability from the images and the body priors, and its cost from the distances of the
+        limbs and the trunk from their expected places.
+        """
         return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
 
     def moved(self, joints_m: np.ndarray) -> float:
         """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
-        Each limb, and the trunk, adds the cost of its farthest joint. The cost has the tails of a Cauchy distribution,
-        since a wrongly tracked limb may be anywhere. A body that is turned round has the costs of the trunk and of all
-        limbs.
+        Each limb, and the trunk, adds the cost of the joint that is farthest from its expected place. The cost has the
+        tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body is turned
+        round has the costs of the trunk and of all limbs.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -92,7 +94,7 @@ class Expected:
 
 
 def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return the joints of a belief's pose, and their sigma, which is at least ``SAME_M``."""
+    """Return the places of the joints in a belief's pose, and the sigma of each place, which is at least ``SAME_M``."""
     transforms = body.transforms(belief.pose)
     joints = body.mesh.joints(transforms)
     jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
@@ -102,8 +104,8 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
     """Return whether so much seen skin is uncovered that a limb may be misplaced. The area must be at least
-    ``LOOK_AGAIN_M2``. hidden: whether some limb covers no node; the uncovered skin may then belong to that limb, so
-    half of the area is enough.
+    ``LOOK_AGAIN_M2``. hidden: whether hardly any skin of some limb beyond the elbow or knee covers nodes; the uncovered
+    skin may then belong to this limb, so half of the area is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 
@@ -116,11 +118,12 @@ def search_limbs(
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
 ) -> Search:
-    """Move limbs to where they are seen, while that makes the pose clearly likelier; return the best registration.
+    """Move limbs to the places where the images show them, as long as such a move makes the pose clearly likelier.
+    Return the best registration.
 
     predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
-    the expected pose a low weight: the weight after ``UNSEEN_S`` seconds without a view of the patient. anchors: the
-    frame's anchors, None for a first pose.
+    the expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of
+    the patient. anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -168,7 +171,12 @@ def _decided(
 
 
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
-    """Yield each of ``others``, and by how many nats (reduced by ``believed``) ``now`` explains the images better."""
+    """Yield each pose of ``others`` except ``now``, and by how many nats the pose ``now`` is likelier than this pose.
+
+    This number is the sum of two differences between the poses: the difference of the log probabilities from images and
+    body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions that the
+    patient faces (``facing_nats``).
+    """
     for one in others:
         if one.pose is not now.pose:
             parts = parts_apart(body.joints(one.pose), body.joints(now.pose))
@@ -177,7 +185,9 @@ def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidenc
 
 
 def _distinct(body: Body, poses: Sequence[Pose]) -> list[Pose]:
-    """Return the poses, except poses so close to an earlier pose that registration would make both equal."""
+    """Return the poses, except poses so close to an earlier pose in the list that registration would make the two poses
+    equal.
+    """
     kept, joints = list[Pose](), np.empty((len(poses), JOINT_COUNT, 3))
     for pose in poses:
         at = body.joints(pose)
@@ -192,8 +202,8 @@ def _register_all(
 ) -> list[Tried]:
     """Return the present pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The present pose is the first of ``poses``. It is registered, too, so that it does not lose to the pose of a turned
-    body only because its limbs lag behind the images.
+    The present pose is the first of ``poses``. The present pose is also registered: otherwise it could lose to the pose
+    of a turned body only because its limbs lag behind the images.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

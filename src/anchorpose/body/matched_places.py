@@ -1,7 +1,7 @@
 """Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
 The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
-place on the skin itself. So a single frame has matches all over the body, and no initial pose is needed.
+place on the skin itself. So a single frame gives matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from anchorpose.camera import Camera, transform_points
 from anchorpose.descriptor.learnt import described
 from anchorpose.isolation.view import View
 
-# minimum number of matches to find a pose; at a distance of two metres they cover 60 cm2, as a hand does
+# minimum number of matches to find a pose; at a distance of two metres, this many cover 60 cm2, as a hand does
 LEAST_MATCHES: Final = 30
 # maximum number of matches used; a person at two metres has 2,000 matches, but using more than 800 would only cost time
 MATCHES: Final = 800
@@ -33,18 +33,20 @@ LEAST_SIGMA_M: Final = 0.03  # m, minimum error of a match, due to clothes and t
 # number of matches that count as one observation, since all matches of a body part have similar errors
 MATCHES_PER_OBSERVATION: Final = 10.0
 SCALES_M: Final = (0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2, 0.15, 0.15, 0.15, 0.15)
-"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. It is the distance
-between the match's place on the skin and its place in the image. It decreases from a limb's length to a limb's width.
+"""Distance (m) at which the weight of a match has fallen to a quarter, one value per solver step. The distance is
+measured between the match's place on the posed skin and its place in the image. The values decrease from a limb's
+length to a limb's width.
 """
 
 # m, mean and standard deviation of an unknown person's stature, adult or child
 MEAN_STATURE_M, STATURE_SIGMA_M = 1.70, 0.20
-STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond them
-# number of times that the body is scaled; the stature's median error is 4, 3 and 2 % after the first to third scaling
+STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a thousand is beyond these limits
+# number of times that the body is scaled; the median error of the stature is 4 % after the first scaling, 3 % after the
+# second and 2 % after the third
 _SCALINGS: Final = 3
-_AGAIN: Final = 4  # number of solver steps from a start that was already fitted to the matches
-# m, scale of a row. It is so large that the robust kernel of ``Constraints`` has no effect; instead, the row's sigma
-# grows with the distance of its skin point from the target
+_AGAIN: Final = 4  # number of solver steps if the initial pose was already fitted to the matches
+# m, scale of a row in ``Constraints``. This scale is so large that the robust kernel has no effect; instead, the row's
+# sigma grows with the distance of its skin point from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
@@ -56,7 +58,7 @@ class Matches:
     # (n, 3) place on the standing mean adult, in statures (1 = this adult's height): X forward, Y up from the floor, Z
     # right
     place: np.ndarray
-    target_m: np.ndarray  # (n, 3) place of the pixel in the world
+    target_m: np.ndarray  # (n, 3) m, place in the world that the pixel shows
     error: np.ndarray  # (n,) expected error of ``place``, in statures
 
     def __len__(self) -> int:
@@ -64,8 +66,8 @@ class Matches:
 
     @property
     def turned(self) -> Matches:
-        """Return the matches as if the person faced the other way, since a wrong facing is the network's most frequent
-        error.
+        """Return the matches as if the person faced the opposite way, since a wrong facing is the network's most
+        frequent error.
         """
         return replace(self, place=self.place * [-1.0, 1.0, -1.0])
 
@@ -96,8 +98,8 @@ class MatchedPerson(NamedTuple):
 
 
 def match_person(matches: Matches) -> MatchedPerson:
-    """Find a person's stature and pose: fit an average body to the matches, scale it so that distances on the body
-    agree with distances between matched pixels, and repeat both steps.
+    """Find a person's stature and pose: fit an average body to the matches, scale the body so that distances on it
+    agree with distances between the places of the matched pixels, and repeat both steps.
 
     The distribution of statures serves as a prior, since few or uncertain matches determine a stature poorly. Raises
     ValueError for fewer than ``LEAST_MATCHES``.
@@ -117,7 +119,9 @@ def _adult(points: SkinPoints, stature_cm: int) -> Body:
 
 
 def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
-    """Return the most probable stature, given its prior and the matches with a posed body of stature ``now_m``."""
+    """Return the most probable stature, given the prior of the stature and the matches with a posed body of stature
+    ``now_m``.
+    """
     point, target_m, sigma_m = _chosen(body, matches)
     own_m = pose_points(body, pose).points_m[point]
     weight = (sigma_m * (1.0 + (np.linalg.norm(own_m - target_m, axis=1) / SCALES_M[-1]) ** 2)) ** -2
@@ -130,7 +134,8 @@ def _stature_m(body: Body, pose: Pose, matches: Matches, now_m: float) -> float:
 
 
 def fit_matches(body: Body, matches: Matches, start: Pose | None = None) -> Pose:
-    """Return the pose that brings the skin closest to the places with which it is matched, with robust weights.
+    """Return the pose in which the matched skin points come closest to their matched places in the world, with robust
+    weights.
 
     start: a pose fitted to the same matches with a body of another shape. Raises ValueError for too few matches.
     """
@@ -156,8 +161,8 @@ def _chosen(body: Body, matches: Matches) -> tuple[np.ndarray, np.ndarray, np.nd
 def _rows(
     posed_m: np.ndarray, point: np.ndarray, target_m: np.ndarray, sigma_m: np.ndarray, scale_m: float
 ) -> Constraints:
-    """Return three rows per match with the match's robust weight (Geman and McClure): the farther the skin point is
-    from the target, the lower the weight.
+    """Return three constraint rows per match with the match's robust weight (Geman and McClure): the farther the skin
+    point is from its target, the lower the weight.
     """
     away_m = np.linalg.norm(posed_m[point] - target_m, axis=1)
     spread_m = np.repeat(sigma_m * (1.0 + (away_m / scale_m) ** 2), 3)

@@ -1,4 +1,6 @@
-"""Find, for each node, the nearest skin point that faces the same way; a grid of cells makes the search fast."""
+"""Find, for each node of the seen surface, the nearest skin point that faces the same way; a grid of cells makes the
+search fast.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +9,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# maximum number of voxels; so many take 8 MB of memory. If nodes extend beyond a room, voxels are made larger to stay
-# below this number
+# approximate maximum number of voxels; so many voxels take 8 MB of memory. If the nodes extend over more space than a
+# room, the voxels are made larger, so that their number hardly exceeds this maximum
 MAX_VOXELS: Final = 1_000_000
 
 
 class Voxels(NamedTuple):
     """Nodes sorted into voxels, which are cubes of one size."""
 
-    order: np.ndarray  # (n,) int32, the nodes, voxel by voxel
+    order: np.ndarray  # (n,) int32, indices of the nodes, sorted by voxel
     start: np.ndarray  # (x * y * z + 1,) int32, where each voxel begins in ``order``
     origin_m: np.ndarray  # (3,) float64, lowest corner of the first voxel
     side_m: float  # length of a voxel's side
@@ -73,7 +75,7 @@ class Oriented(NamedTuple):
 class Grid(NamedTuple):
     """Points sorted by cell, contiguous in memory."""
 
-    order: np.ndarray  # (k,) row of each point before sorting
+    order: np.ndarray  # (k,) index of each point before sorting
     skin: np.ndarray  # (k, 6) place and normal of each point
     start: np.ndarray  # index in ``order`` where each cell begins
     origin: np.ndarray  # (3,) lowest corner of the first cell
@@ -120,7 +122,8 @@ def facing_rows(
     normal_weight: float,
     uncovered: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return skin point (m,), node (m,) and unit direction (m, 3) for every node with a skin point within reach.
+    """Return the index of the skin point (m,), the index of the node (m,) and the unit direction of the pull (m, 3) for
+    every node with a skin point within reach.
 
     The direction is the mean of the normals of node and skin point. If node and skin point are farther apart than
     ``uncovered``, the direction is along the line between them.
@@ -160,7 +163,7 @@ def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.nda
 
 @njit(cache=True, nogil=True)
 def _facing(skin: Oriented, eye: np.ndarray) -> np.ndarray:
-    """Return the rows of the points whose outer side faces the camera at ``eye``."""
+    """Return the indices of the points whose outer side faces the camera at ``eye``."""
     facing, count = np.empty(len(skin.places_m), np.int64), 0
     for p in range(len(skin.places_m)):
         towards = 0.0
@@ -203,7 +206,8 @@ def _distance2(skin: np.ndarray, spot: int, nodes: Oriented, node: int, normal_w
 
 @njit(cache=True, nogil=True)
 def _search(grid: Grid, nodes: Oriented, node: int, normal_weight: float, best: float) -> int:
-    """Return the row of ``grid.skin`` nearest to a node, if its squared distance is less than ``best``, else -1.
+    """Return the row of ``grid.skin`` that is nearest to a node, or -1 if the squared distance of every row is at least
+    ``best``.
 
     The node's own cell is searched first, since a point found there narrows the search in the cells around it.
     """

@@ -63,7 +63,9 @@ class Pose:
         return np.append(rotation_vectors(turned).ravel(), after.root_m - self.root_m)
 
     def faces_away(self, other: Pose) -> bool:
-        """Return whether the pelvis is turned by more than a right angle, about any axis, between two poses."""
+        """Return whether the pelvis of ``other`` is turned by more than a right angle, about any axis, relative to this
+        pose.
+        """
         return bool(np.trace(other.rotations[0] @ self.rotations[0].T) < 1.0)
 
     def rotation_vectors(self, moving: np.ndarray) -> np.ndarray:
@@ -118,12 +120,13 @@ LIMB_OF_BONES: Final = _limb_of_bones()
 LIMB_OF_JOINTS: Final = _limb_of_joints()
 _BEYOND: Final = ("ForeArm", "Hand", "tLeg", "Foot", "Spine", "Spine1", "Neck", "Neck1", "Head")
 SEGMENT_OF_BONES: Final = 2 * LIMB_OF_BONES + np.array([bone.endswith(_BEYOND) for bone in MOVING_BONES])
-"""Segment (m,) of each moving bone: half of a limb or of the trunk. A segment's number is twice the number of its limb.
-One is added beyond elbow or knee, and for chest, neck and head."""
+"""Segment (m,) of each moving bone: half of a limb or of the trunk. A segment's number is twice the number of its limb,
+plus 1 for the half of a limb beyond the elbow or knee, and plus 1 for the half of the trunk with chest, neck and
+head."""
 SEGMENT_OF_JOINTS: Final = 2 * LIMB_OF_JOINTS + np.array(
     [name.startswith(("Wrist", "Hand", "Ankle", "Foot", "SpineM", "SpineS", "Neck", "Head")) for name in JOINT_NAMES]
 )
 """Segment (21,) of each joint, numbered as in ``SEGMENT_OF_BONES``."""
 PARTS: Final = len(_LIMBS) + 1  # number of parts: the trunk and four limbs
 
-TRUNK: Final = 0  # number of the trunk (with the head) among the limbs
+TRUNK: Final = 0  # number of the trunk (with the head) among the five parts

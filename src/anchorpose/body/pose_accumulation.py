@@ -1,4 +1,5 @@
-"""Compute Hessian and gradient of many constraint rows with respect to the pose, without storing their Jacobian.
+"""Compute Hessian and gradient of many constraint rows (linear equations on skin points) with respect to the pose,
+without storing the rows' Jacobian.
 
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
 point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by
@@ -75,9 +76,11 @@ def _by_bones(
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
-    (moving bones that carry a point), and torque and force (m, 6) on each carrier.
+    (moving bones that carry a point), and torque and force (m, 6) on each carrier. The force of a row is its weighted
+    residual along its direction.
 
-    The kernel stores each pair of carriers only once; then ``_mirror`` adds the other half of the moments.
+    For each skin point, the loop adds to the moments of a pair of carriers in one order only; then ``_mirror`` adds up
+    the moments of both orders.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]
@@ -135,8 +138,8 @@ def _add_place(T_world_rest: np.ndarray, rest_m: np.ndarray, share: float, place
 
 @njit(cache=True, nogil=True)
 def _mirror(pairs: np.ndarray) -> None:
-    """Add the transposed moments to the moments, in place; a carrier's moments with itself are complete and stay
-    unchanged.
+    """Add, in place, the transposed moments of each pair of different carriers to the moments of the pair in the
+    opposite order. A carrier's moments with itself are complete and stay unchanged.
     """
     for one in range(len(pairs)):
         for other in range(one):

@@ -1,9 +1,10 @@
-"""Compute the probability of a pose, given a frame and prior knowledge of bodies, to decide between poses.
+"""Compute the probability of a pose, given a frame and prior knowledge of bodies. The probabilities serve to decide
+between poses.
 
-Depth readings show where skin is; the learnt descriptor predicts which place on the body it is. Depth readings alone
-are not enough: a body that faces the wrong way, or two legs on the pixels of one leg, cover as much surface as the
-correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor's predictions on a large patch of
-skin count as only one observation, and depth readings can overrule the descriptor.
+Depth readings show where skin is; the learnt descriptor predicts which place on the body each pixel shows. Depth
+readings alone are not enough: a body that faces the wrong way, or two legs on the pixels of one leg, cover as much
+surface as the correct pose. The descriptor's errors affect whole limbs at a time. So the descriptor's predictions on a
+large patch of skin count as only one observation, and depth readings can overrule the descriptor.
 """
 
 from __future__ import annotations
@@ -26,25 +27,27 @@ from anchorpose.descriptor.learnt import described, nearest_rays
 from anchorpose.isolation.view import View
 
 SPACING_M: Final = 0.028  # m, spacing of skin points
-# m on the body, width of the pixels whose predicted places are used: the spacing of the descriptor's grid at 2 to 4 m
+# m, width on the body of the pixels at which the descriptor's predictions are used; the descriptor's grid has this
+# spacing at a distance of 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. It is the
-# integral of the correlation between the errors at two points over the distance between these points
+# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. The side is
+# the integral of the correlation between the errors at two points over the distance between these points
 NAMED_ALIKE_M: Final = 0.25
 # share of predicted places with an error above three standard deviations, in simulated and real images (UTD-MHAD)
 WRONGLY_NAMED: Final = 0.03
 FROM_BEFORE: Final = 20.0
-"""Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind.
+"""Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind the patient.
 
-docs/guide/cameras.md asks users to place it in front, and the subjects of UTD-MHAD and MSR Action3D face their cameras.
-The value is not measured; it matters only if the images leave the facing open."""
+docs/guide/cameras.md asks users to place a single camera in front, and the subjects of UTD-MHAD and MSR Action3D face
+their cameras. The ratio is not measured; it matters only if the images do not show which way the patient faces."""
 
 # an adult's skin area, in units of the squared stature: 1.8 m2 at 1.7 m (Du Bois and Du Bois 1916)
 SKIN_AREA: Final = 0.6
 
 
 def log_probability(body: Body, pose: Pose, evidence: Evidence) -> float:
-    """Return the log probability, in nats, of a pose, given readings, descriptor and prior knowledge of bodies.
+    """Return the log probability, in nats, of a pose, given the depth readings, the descriptor's predictions and prior
+    knowledge of bodies.
 
     The prior knowledge is that joints bend as in people, that limbs do not intersect, and that feet stand on the floor.
     """
@@ -79,7 +82,8 @@ def _cost(rows: Constraints, posed: PosedPoints) -> float:
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
     """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, the log likelihood ratio of the
     places that the descriptor predicts at its pixels. The ratio compares two assumptions: the pixels show the skin that
-    the pose puts there, or they show any skin. Only readings with the person's label near the posed skin are used.
+    the pose puts there, or they show an unknown place on the skin. Only readings with the person's label near the posed
+    skin are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):

@@ -1,7 +1,7 @@
-"""Propose other poses for a pose in doubt, from each source independently.
+"""Propose other poses for a pose in doubt (a pose that may be wrong), from each source independently.
 
-The images determine the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor also proposes
-other poses of the trunk, and one proposal turns the body round.
+The images determine the places of the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor
+also proposes other poses of the trunk, and one proposal turns the body round.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class Doubted:
     body: Body
     pose: Pose
     evidence: Evidence
-    anchors: SeenAnchors | None  # None for a first pose, since anchors are searched for later
+    anchors: SeenAnchors | None  # None for a first pose, since the search for anchors comes later
 
 
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
     """Yield the poses that the sources propose, except poses that are much rarer in people than the pose in doubt.
 
-    For example, a hidden leg is not laid along an arm. Poses with exchanged sides are always yielded: the images alone
-    decide about them.
+    This excludes, for example, poses in which a hidden leg lies along an arm. Poses with exchanged sides are always
+    yielded: the images alone decide whether these poses are better.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
     for source in sources:
@@ -50,7 +50,9 @@ def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
 
 
 def rarity(body: Body, pose: Pose) -> float:
-    """Return how rare a pose is: the sum of squared deviations of the joints from their usual range."""
+    """Return a measure of how rare a pose is in people: the sum of squared deviations of the joints from their usual
+    range.
+    """
     return prior_equations(body.points, pose, None).cost
 
 
@@ -66,16 +68,16 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
     """Yield poses with a limb laid along a geodesic path. The path begins at an anchor that contradicts the pose, or at
-    an end of the surface (paper, Definition 2) that was not named as an anchor.
+    an end of the surface (paper, Definition 2) that was not identified as an anchor.
     """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
 
 
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the pose of the whole body by the learnt descriptor, then the pose with the opposite facing, since a wrong
-    facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield nothing: the
-    descriptor found this pose.
+    """Yield the pose that fits the learnt descriptor's predictions for the whole body, then the pose with the opposite
+    facing, since a wrong facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield
+    nothing: the descriptor found this pose.
     """
     if doubted.anchors is None:
         return
@@ -86,7 +88,9 @@ def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _exchanged(doubted: Doubted) -> Iterator[Pose]:
-    """Yield the poses with arms, legs or all sides exchanged: limbs stay in place, left becomes right."""
+    """Yield three poses: the left and right arms exchanged, the legs exchanged, and both exchanged with the body turned
+    round. The limbs stay in their places.
+    """
     yield from exchanged(doubted.body, doubted.pose)
 
 

@@ -19,7 +19,8 @@ from anchorpose.body.nearest_skin import nearest_point
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
 
-# minimum share of the surface's nodes that must lie near the body; if fewer do, the surface belongs to another person
+# minimum share of the surface's nodes that must lie near the body; with a smaller share, the surface is assumed to
+# belong to another person
 LEAST_EXPLAINED: Final = 0.3
 
 
@@ -52,7 +53,7 @@ def register(
     paper registers each part alone, by ICP: iterative closest point.)
 
     held: rows of the nodes that the track tree matched and of the anchors, used only in the first solver steps. fixed:
-    rows used in all steps; they do not reduce the uncertainty of the pose, since they are not observations.
+    rows used in all steps; these rows do not reduce the uncertainty of the pose, since they are not observations.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)
@@ -64,7 +65,7 @@ def register(
 def posterior(
     body: Body, pose: Pose, predicted: PoseBelief, evidence: Evidence, config: RegistrationConfig
 ) -> Registration:
-    """Return the belief in a pose, given the evidence, and whether the surface belongs to this body.
+    """Return the belief in a pose, given the evidence of one frame, and whether the seen surface belongs to this body.
 
     Only seen skin makes a pose more certain. Visible background shows where no limb is. This constraint is one-sided,
     so it is left out of the covariance.
@@ -99,7 +100,7 @@ def descend(
     config: RegistrationConfig,
     held: Held | None = None,
 ) -> Pose:
-    """Return the pose that is reached from ``pose`` by one Gauss-Newton step for each of ``config.reaches_m``."""
+    """Return the pose that is reached from ``pose`` by one Gauss-Newton step per distance in ``config.reaches_m``."""
     expected = (predicted.pose, predicted.information)
     for number, reach_m in enumerate(config.reaches_m):
         rows = [evidence_rows(body, pose, evidence, reach_m, config)]

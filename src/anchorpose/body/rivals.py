@@ -2,7 +2,7 @@
 as the best pose.
 
 The best pose and its rivals are registered to every frame. A rival that explains the last frames clearly better
-replaces the best pose; until then each rival increases sigma.
+replaces the best pose. Until then, each rival increases the sigma of the joints.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
-# m; two poses count as the same if no joint differs by more than this. Clothes and gripping hands shift estimated
-# joints by as much
+# m; two poses count as the same if no joint lies farther than this from its place in the other pose. Clothes and
+# gripping hands shift estimated joints by as much
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
@@ -35,10 +35,12 @@ it is multiplied by their number.
 In two scenes, only head and arms were visible. The lead of the correct pose over the pose with the opposite facing was
 3 and 5 nats in the median, with standard deviations of 14 and 25 (``benchmarks/run.py facings``)."""
 OWN_BODY_ERROR: Final = 6.0
-"""The same standard deviation, in nats, if each pose has a body that was fitted to it. For all five parts it was 30
-nats, measured in 18 windows of 9 hard scenes."""
+"""Like ``LIMB_ERROR``, in nats, but for two poses that each have a body of their own, fitted together with the pose.
+For poses that differ in all five parts (trunk and limbs), the standard deviation was 30 nats, measured in 18 windows of
+9 hard scenes."""
 
-# s, time after which a frame's weight in ``Rival.lag`` has fallen to a third, since limbs have moved in this time
+# s, time after which a frame's weight in ``Rival.lag`` has fallen to a third; limbs have moved in this time, so older
+# frames count less
 MEMORY_S: Final = 0.3
 # s, like ``MEMORY_S``, for a rival with a body of its own; errors of the body's shape persist, so ``lag`` averages over
 # a longer time
@@ -46,8 +48,9 @@ OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
 # likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival less likely than the best pose by more than this is dropped; a rival likelier by more
-# than this becomes the best pose
+# nats (a factor of e^6); a rival is dropped if the best pose explains the last frames better by at least this much
+# (``Rival.lag``); a rival that is likelier than the best pose by more than this (``Rival.behind``) becomes the best
+# pose
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 
@@ -56,7 +59,8 @@ MOST: Final = 3  # maximum number of rivals; each rival takes as much time as re
 class Rival:
     """A pose that competes with the best pose.
 
-    A rival with a body of its own never becomes the best pose, since bones keep their length; it only increases sigma.
+    A rival with a body of its own never becomes the best pose, since the bones of the patient keep their length; such a
+    rival only increases sigma.
     """
 
     belief: PoseBelief
@@ -81,8 +85,9 @@ class Rival:
 
 
 def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
-    """Reduce the lead of a pose over another pose, in nats, to the log odds that the leading pose is indeed the
-    likelier one: errors of shape and clothes may cause the lead. The lead may be negative.
+    """Reduce the lead of a pose over another pose (the difference of their log probabilities, in nats) to the log odds
+    that the leading pose is indeed the likelier pose: errors of shape and clothes may cause the lead. The lead may be
+    negative.
 
     parts: number of parts (limbs or trunk) whose place differs between the poses. The lead's standard deviation is
     ``error`` times ``parts``.
@@ -110,7 +115,7 @@ def follow_rivals(
     """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A clearly
     likelier rival replaces the best pose.
 
-    pace: how fast a pose becomes uncertain, as for the best pose.
+    pace: the rate at which a predicted pose becomes uncertain, the same as for the best pose.
     """
     if not rivals:
         return best, ()
@@ -139,11 +144,11 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return the other poses that increase sigma most, up to ``MOST`` of them.
+    """Return, of the poses ``others``, the poses that increase sigma most, at most ``MOST`` poses.
 
-    The returned poses are not excluded by the images, and differ from the best pose and from each other. The poses are
-    ranked by their effect on sigma: a body with the opposite facing comes before a likelier pose in which only a hand
-    differs.
+    The returned poses are not excluded by the images (their ``lag`` is below ``DECIDED``), and differ from the best
+    pose and from each other. The poses are ranked by their effect on sigma: a body with the opposite facing comes
+    before a likelier pose in which only a hand differs.
     """
     kept, places_m = list[Rival](), [body.joints(best.pose)]
     for rival in sorted(others, key=lambda one: one.behind):
@@ -159,7 +164,8 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
     """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
 
-    A rival's weight is its likelihood. The joints of a rival are assumed to have the sigma of the best pose.
+    The weight of a rival is its likelihood relative to the best pose. The joints of a rival are assumed to have the
+    sigma of the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

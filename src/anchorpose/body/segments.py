@@ -1,9 +1,10 @@
 """Define changes of the body's shape, called directions, by which a single segment becomes longer, thicker or larger.
 
-The shipped asset's coefficients change all segments together, left and right equally. Each direction here changes one
-segment of the mean adult: a length stretches the segment along its axis and shifts everything beyond its end; a girth
-moves the skin away from the axis; a size enlarges a hand, a foot or the head. One unit of a direction's coefficient is
-one standard deviation among people of the same height (``shape_prior``).
+The shipped asset's coefficients change all segments together, left and right equally. Each direction in this module
+changes a single segment of the mean adult. A direction of length stretches the segment along its axis and shifts
+everything beyond its end. A direction of girth moves the skin away from the axis. A direction of size enlarges a hand,
+a foot or the head. A bulge moves a region of the trunk's skin. One unit of a direction's coefficient is one standard
+deviation among people of the same height (``shape_prior``).
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ _TRUNK_LENGTHS: Final = {
     "shoulder_breadth": ((("LeftShoulder", "LeftArm"), ("RightShoulder", "RightArm")), 0.040),
     "hip_breadth": ((("LHipJoint", "LeftUpLeg"), ("RHipJoint", "RightUpLeg")), 0.062),
 }
-"""Per direction: the spans that it lengthens by the same share, and the standard deviation of the logarithm of their
-length. A span extends from the head of one bone to the head of another. The standard deviations are known from sitting
-height, biacromial and bicristal breadth in ANSUR II.
+"""For each direction: the spans that the direction lengthens, all by the same share, and the standard deviation of the
+logarithm of their length. A span extends from the head of one bone to the head of another. The standard deviations are
+known from sitting height, biacromial and bicristal breadth in ANSUR II.
 """
 
 
@@ -76,9 +77,9 @@ _BULGES: Final = {
     "seat_depth": _Bulge(0, -1, 0.88, 0.08, 0.005),
     "seat_breadth": _Bulge(2, 0, 0.88, 0.07, 0.003),
 }
-"""Bulges of the trunk. Their standard deviations are smaller than those of the trunk's depths and breadths in ANSUR II
-(5 to 7 % at one height and weight): the whole-body coefficients contain most of this variation, and the heavy tails of
-the prior allow a large belly."""
+"""Bulges of the trunk. Their standard deviations are smaller than the standard deviations of the trunk's depths and
+breadths in ANSUR II (5 to 7 % at one height and weight), for two reasons: the whole-body coefficients contain most of
+this variation, and the heavy tails of the prior allow a large belly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +186,7 @@ def _widened(asset: BodyAsset, name: str, start: str, end: str, sigma: float) ->
 
 
 def share_of_bones(asset: BodyAsset, names: Sequence[str]) -> np.ndarray:
-    """Return (v,) the sum, 0 to 1, of the named bones' skinning weights at each vertex."""
+    """Return, for each vertex (v,), the sum of its skinning weights for the bones in ``names``, 0 to 1."""
     chosen = np.isin(asset.bone_names, names).astype(np.float64)
     return np.asarray((asset.skin_weights * chosen[asset.skin_bones]).sum(axis=1))
 

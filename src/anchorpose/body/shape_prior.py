@@ -1,4 +1,4 @@
-"""Describe the prior knowledge of a person's shape, and the belief in the shape after observations."""
+"""Describe the prior knowledge of a person's body shape, and the belief in the shape after observations."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from anchorpose.body.standing_off import patches_of
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
 # m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
-# Learnt offsets in real recordings were larger. Of 3.5, 7 and 12 mm, joints were nearest to the truth with 7 mm (suite
-# ``easy``, seeds for tuning), and nearer to the labels of MSR Action3D than with 3.5 mm.
+# Learnt offsets in real recordings were larger. The values 3.5, 7 and 12 mm were compared: with 7 mm, joints were
+# nearest to the truth (suite ``easy``, seeds for tuning), and nearer to the labels of MSR Action3D than with 3.5 mm.
 PATCH_SIGMA_M: Final = 0.007
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, which is the prior of a segment: 1 in 20 segments deviates by over 2.8
 # sigma
 TAILS: Final = 4.0
-COVERED: Final = 4.0  # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers it
-# number of fits to a height; the fit is repeated, since another vertex may have become the highest or lowest
+# factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers the segment
+COVERED: Final = 4.0
+# number of fits to a height; the fit is repeated, since a fit may make another vertex the highest or lowest
 _HEIGHT_STEPS: Final = 3
 
 _ALIKE_LENGTHS: Final = np.array(
@@ -60,10 +61,10 @@ class ShapeBelief:
     free: FreeShape
     mean: np.ndarray  # (s,) mean of the prior
     prior: np.ndarray  # (s, s) information (inverse covariance) of the prior
-    # (s,) bool, parameters with Student's t as prior: a very unusual value is little less probable than an unusual
-    # value
+    # (s,) bool, parameters with Student's t as prior: a very unusual value is only a little less probable than an
+    # unusual value
     soft: np.ndarray
-    seen: np.ndarray  # (s, s) information (inverse covariance) of the observations
+    seen: np.ndarray  # (s, s) information (inverse covariance) that the observations alone give
     pull: np.ndarray  # (s,) matrix ``seen`` times the shape that fits the observations best
 
     @property
@@ -84,8 +85,8 @@ class ShapeBelief:
         return prior + self.seen, prior @ (at - self.mean) + self.seen @ at - self.pull
 
     def _prior_at(self, shape: FittedShape) -> np.ndarray:
-        """Return the prior's inverse covariance (s, s) at a shape; it is reduced for ``soft`` parameters with unusual
-        values (Lange et al. 1989, doi:10.2307/2290063).
+        """Return the prior's inverse covariance (s, s) at a shape; this matrix is reduced for ``soft`` parameters with
+        unusual values (Lange et al. 1989, doi:10.2307/2290063).
         """
         away2 = (self.vector(shape) - self.mean) ** 2 / np.diag(np.linalg.inv(self.prior))
         weight = np.where(self.soft, np.sqrt((TAILS + 1.0) / (TAILS + away2)), 1.0)
@@ -111,8 +112,8 @@ class ShapeBelief:
 
     def including(self, others: Sequence[FittedShape], shares: np.ndarray) -> ShapeBelief:
         """Return the belief with the same shape and a covariance enlarged to include other possible shapes. shares
-        (n,): the probability of each other shape. The covariance may exceed the prior's, so this belief must not be
-        refined with more frames.
+        (n,): the probability of each other shape. The enlarged covariance may exceed the covariance of the prior; then
+        ``seen`` is not a valid information matrix, so this belief must not be refined with more frames.
         """
         at, prior = self.vector(self.shape), self._prior_at(self.shape)
         away = np.array([self.vector(other) for other in others]) - at
@@ -129,13 +130,15 @@ class ShapeBelief:
         return np.abs(self.vector(shape) - self.mean) / np.sqrt(np.diag(np.linalg.inv(self.prior)))
 
     def variance(self, rows: np.ndarray) -> np.ndarray:
-        """Return the variances (m,) of m quantities. rows (m, n): their derivatives by the n free coefficients."""
+        """Return the variances (m,) of m quantities that depend on the shape. rows (m, n): derivatives of these
+        quantities by the n free coefficients.
+        """
         count = self.free.coefficients
         covariance = self.covariance[:count, :count]
         return np.asarray(((rows @ covariance) * rows).sum(axis=1))
 
     def lacking(self, parts: tuple[str, ...]) -> ShapeBelief:
-        """Return the belief in a body that lacks some parts."""
+        """Return the belief for a body that lacks some parts, such as ``shank_left``."""
         return replace(self, shape=replace(self.shape, missing=parts))
 
     def covering(self, asset: BodyAsset, parts: Sequence[str]) -> ShapeBelief:
@@ -171,7 +174,7 @@ class ShapeBelief:
         return belief
 
 
-@lru_cache(maxsize=2)  # cached, since every frame needs it
+@lru_cache(maxsize=2)  # cached, since every frame needs the covariance
 def _covariance(belief: ShapeBelief) -> np.ndarray:
     return np.linalg.inv(belief.information)
 
@@ -202,8 +205,9 @@ def child_belief(asset: BodyAsset) -> ShapeBelief:
 
 
 def _belief(asset: BodyAsset, common: np.ndarray, covariance: np.ndarray) -> ShapeBelief:
-    """Return the prior of a group (adults or children). common (c,), covariance (c, c): mean and covariance of the
-    group's whole-body coefficients. Coefficients of single segments have mean 0 and standard deviation 1.
+    """Return the prior belief in the shape of a person from a group (adults or children). common (c,), covariance (c,
+    c): mean and covariance of the group's whole-body coefficients. Coefficients of single segments have mean 0 and
+    standard deviation 1.
     """
     coefficients = np.append(common, np.zeros(len(asset.own_names)))
     mean = FittedShape(coefficients, even_clothes(CLOTHING_MEAN_M))
@@ -235,7 +239,7 @@ def _correlations(asset: BodyAsset) -> np.ndarray:
 def standing_height(asset: BodyAsset, shape: FittedShape) -> tuple[float, np.ndarray]:
     """Return the height in metres of the body at rest, without clothes, and its derivative (k,) by the coefficients.
 
-    Missing parts count as present: a stated height is the height with a prosthesis or before the loss.
+    Missing parts count as present: a stated height is the height with a prosthesis or before the loss of the part.
     """
     vertices = shape_body(asset, shape.coefficients).vertices
     up, left = vertices[:, 1], vertices[:, 2] < 0.0

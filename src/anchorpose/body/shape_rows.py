@@ -1,5 +1,5 @@
-"""Compute derivatives of constraint rows with respect to pose, shape and clothes together. The code is compiled, since
-learning needs these derivatives for every node of many frames.
+"""Compute derivatives of constraint rows (linear equations on skin points) with respect to pose, shape and clothes
+together. The code is compiled, since learning needs these derivatives for every node of many frames.
 
 The reference implementations are ``skin_points.pose_jacobian`` and, in the tests, ``shape_jacobian``.
 """
@@ -30,7 +30,8 @@ def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for s parameters: the parameters of the pose, then the fitted
-    parameters of the shape. residual_m, weight (n,): r and the diagonal of W, one value per row.
+    parameters of the shape. J is ``full_jacobian`` of the rows. residual_m, weight (n,): r and the diagonal of W, one
+    value per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
@@ -48,7 +49,7 @@ def full_jacobian(
     bones = _Bones(
         posed.transforms, pivot, frame, _chains(points), shape_offsets(points.asset, posed, free.coefficients)
     )
-    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for one memory layout
+    covered = np.ascontiguousarray(points.covered[:, : free.offsets])  # the kernel is compiled for contiguous arrays
     skin = _Skin(points.bones, points.influence, body.rest_m, _point_basis(points), covered)
     jacobian = np.zeros((len(index), POSE_SIZE + sum(free)))
     _fill(skin, bones, index, direction, posed.normals, jacobian)
@@ -72,7 +73,7 @@ class _Bones(NamedTuple):
     pivot: np.ndarray  # (m, 3) joint at which each moving bone begins, world, from ``joint_frames``
     frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    # (b, count, 3) how far one unit of each coefficient moves each bone's posed points, from ``shape_offsets``
+    # (b, count, 3) m, movement of each bone's posed points by one unit of each coefficient, from ``shape_offsets``
     offset: np.ndarray
 
 

@@ -1,4 +1,6 @@
-"""Map the body's skin: compute the distances along the skin of sampled points from landmarks and from each other."""
+"""Map the body's skin: compute the distances along the skin from sampled points to landmarks, and find neighbouring
+sampled points and the paths between them.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _landmark_distances(mesh: csr_array, vertex: np.ndarray, first: int) -> np.ndarray:
-    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: row of the first landmark."""
+    """Return the distances (p, l) float32, metres, from skin points to landmarks; first: index of the skin point
+    that is the first landmark.
+    """
     fields = np.empty((LANDMARKS, len(vertex)), np.float32)
     nearest, source = np.full(len(vertex), np.inf, np.float32), first
     for row in range(LANDMARKS):
@@ -78,7 +82,7 @@ def _neighbours(mesh: csr_array, edges: np.ndarray, vertex: np.ndarray) -> np.nd
     _, _, nearest = dijkstra(mesh, directed=False, indices=vertex, min_only=True, return_predecessors=True)
     place = np.full(mesh.shape[0] + 1, -1)
     place[vertex] = np.arange(len(vertex))
-    cell = place[np.maximum(nearest, -1)]  # no path reaches eyes and teeth (source -9999): they have no cell
+    cell = place[np.maximum(nearest, -1)]  # no path reaches eyes and teeth (source -9999), so they belong to no cell
     cell[vertex] = np.arange(len(vertex))
     touching = np.sort(cell[edges], axis=1)
     return np.unique(touching[(touching[:, 0] >= 0) & (touching[:, 0] != touching[:, 1])], axis=0)

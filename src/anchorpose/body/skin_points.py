@@ -1,4 +1,6 @@
-"""Represent a body for registration by a sparse, even sample of its skin; compute its positions and derivatives."""
+"""Represent a body for registration by a sparse, even sample of its skin; compute the positions of the sampled points
+in a pose, and the derivatives of these positions.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ from anchorpose.body.kinematics import (
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.body.segments import load_body_asset
 
-# number of skin points; it places them about 28 mm apart on an adult, which is half of the narrowest limb's width
+# number of skin points; with this number, the points on an adult are about 28 mm apart, which is half of the narrowest
+# limb's width
 POINT_COUNT: Final = 2400
 CLOTHES: Final = {
     "trunk": ("Hips", "LHipJoint", "RHipJoint", "LowerBack", "Spine", "Spine1", "LeftShoulder", "RightShoulder"),
@@ -29,7 +32,7 @@ CLOTHES: Final = {
     "trousers": ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"),
     "shoes": ("LeftFoot", "LeftToeBase", "RightFoot", "RightToeBase"),
 }
-"""Pieces of clothing, each with a thickness, and the bones whose skin they cover."""
+"""Pieces of clothing, each with a thickness of its own, and the bones whose skin each piece covers."""
 
 # number of patches of skin; patches are about 14 cm apart and as large as a muscle, a fold or the rim of a brace
 PATCHES: Final = 96
@@ -49,9 +52,9 @@ class SkinPoints:
     influence: np.ndarray  # (p, w) weights of these bones, padded with 0
     part: np.ndarray  # (p,) bone that moves the point most
     covered: np.ndarray  # (p, c) 0 to 1; the point moves outwards by this share of each of the ``OFFSETS`` offsets
-    below: np.ndarray  # (m, b) see ``descendants``
+    below: np.ndarray  # (m, b) 1 at each moving bone and its descendants, else 0 (``descendants``)
     moving: np.ndarray  # (m,) index of each moving bone
-    faces_of: np.ndarray  # (p, f) mesh faces around each point, padded by repeating the first
+    faces_of: np.ndarray  # (p, f) mesh faces around each point, padded by repeating the last face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +149,7 @@ def _outer_vertices(asset: BodyAsset) -> np.ndarray:
 def _spread_out(asset: BodyAsset, count: int) -> np.ndarray:
     candidates = _outer_vertices(asset)
     points = asset.vertices[candidates]
-    x, y, z = np.ascontiguousarray(points.T)  # one array per axis takes a tenth of the time
+    x, y, z = np.ascontiguousarray(points.T)  # with a separate array per axis, the loop takes a tenth of the time
     chosen = np.zeros(count, dtype=np.int64)
     distance = np.full(len(points), np.inf)
     chosen[0] = y.argmax()
@@ -187,7 +190,7 @@ def _faces_around(asset: BodyAsset, vertex: np.ndarray) -> np.ndarray:
 def build_body(points: SkinPoints, shape: FittedShape) -> Body:
     """Return the body of a shape, with its skin points and their normals in the rest pose."""
     mesh = shape.mesh(points.asset)
-    # normals are computed on the whole body, since the shrunken skin of missing parts has none
+    # normals are computed on the whole body, since the shrunken skin of missing parts has no normals
     whole = shape_body(points.asset, shape.coefficients) if shape.missing else mesh
     normals = _normals(whole.vertices, points.asset.faces[points.faces_of])
     offset_m = points.covered @ shape.offset_m
@@ -204,7 +207,7 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
-@lru_cache(maxsize=8)  # cached, since several steps of one frame's processing need it
+@lru_cache(maxsize=8)  # cached, since several steps of one frame's processing need the posed points
 def pose_points(body: Body, pose: Pose) -> PosedPoints:
     """Pose the sampled points by linear blend skinning; the result is shared and must not be changed."""
     transforms = body.transforms(pose)
@@ -215,13 +218,15 @@ def pose_points(body: Body, pose: Pose) -> PosedPoints:
 def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Return (n, POSE_SIZE) the derivative of each chosen point's movement along its direction, by each pose parameter.
 
-    index (n,): points; direction (n, 3): unit vectors. Parameters: rotations in the parent's frame, then the root.
+    index (n,): the chosen points; direction (n, 3): unit vectors. The parameters are the turn of each moving bone in
+    its parent's frame, then the translation of the root.
     """
     transforms = posed.transforms
     used, back = np.unique(index, return_inverse=True)
     weights = body.points.weights[used]
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
-    carried = body.points.below @ (weights[..., None] * placed)  # (n, m, 3): sum of weight x place over the bones below
+    # (n, m, 3): sum of weight x place over each moving bone and its descendants
+    carried = body.points.below @ (weights[..., None] * placed)
     share = weights @ body.points.below.T
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)
     lever = carried - share[..., None] * pivot
@@ -263,7 +268,7 @@ def joint_jacobian(body: Body, transforms: np.ndarray, bones: np.ndarray, joints
 
 
 def place_variance(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the variance (n,), m2, of n places, as the mean over the three axes. jacobian (n, 3, POSE_SIZE):
-    derivative of the places by the pose; covariance: the covariance of the pose.
+    """Return the variance (n,), m2, of n places that depend on the pose, as the mean over the three axes. jacobian (n,
+    3, POSE_SIZE): derivative of the places by the pose; covariance: the covariance of the pose.
     """
     return np.asarray(((jacobian @ covariance) * jacobian).sum(axis=(1, 2)) / 3.0)

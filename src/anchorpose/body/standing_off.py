@@ -1,8 +1,8 @@
 """Find body segments that do not look human: the seen surface stands off (lies away from) the learnt body, or the limb
 is too thick.
 
-The body model does not fit a segment under an orthosis, a cast, a bandage or a skirt, however well it was learnt. So
-the bone lengths and joints of a segment that does not look human get a larger sigma.
+The body model does not fit a segment under an orthosis, a cast, a bandage or a skirt, however well the body's shape was
+learnt. So the bone lengths and joints of a segment that does not look human get a larger sigma.
 """
 
 from __future__ import annotations
@@ -18,13 +18,15 @@ from anchorpose.body.skin_points import CLOTHES, FittedShape, SkinPoints
 from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
-# m; a segment stands off if its patches move its skin points by more than this (95th percentile over the points). With
-# a brace, the percentile was 0.030 to 0.036; without, below 0.020 but for loose trousers, which reach 0.035
+# m; a segment stands off if the offsets of its patches of skin move its skin points by more than this (95th percentile
+# over the points). With a brace, the percentile was 0.030 to 0.036. Without a brace, the percentile was below 0.020,
+# except for loose trousers, which reach 0.035
 LEAST_M: Final = 0.020
-# standard deviations of girth; a limb that exceeds the other side's limb by more than this is too thick. Without braces
-# the difference between sides was at most 0.9, with a brace 2.9 to 6.7
+# standard deviations of girth; a segment whose girth exceeds its expected girth (``_thicker``) by more than this is too
+# thick. Without braces, the difference between sides was at most 0.9; with a brace, the difference was 2.9 to 6.7
 TOO_THICK: Final = 2.0
-# standard deviations of girth above the mean; the expected girth is that of the other side's limb, but at most this
+# standard deviations of girth above the mean; the expected girth of a segment is the girth of the other side's segment,
+# but at most this, and at least the mean
 ORDINARY: Final = 0.5
 JOINT_SHARE: Final = 0.5  # sigma (m) of a segment's joints along each axis, per metre by which its skin stands off
 BONE_SHARE: Final = 0.5  # sigma (m) of the length of a segment's bone, per metre by which its skin stands off
@@ -39,12 +41,12 @@ _LIMBS: Final = {
 
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
-    """Return, for each segment that does not look human, by how many metres the segment stands off; names as in
-    ``subject.covered``.
+    """Return, for each segment that does not look human, by how many metres the seen surface stands off from the learnt
+    body. The segments have the names of ``subject.covered``.
     """
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
-        # patches of neighbouring segments, which extend over the joint, are not used
+        # patches of neighbouring segments extend over the joint onto this segment; these patches are not used
         own = len(CLOTHES) + patches_of(points, name)
         off_m = np.abs(points.covered[np.ix_(mine, own)] @ shape.offset_m[own])
         away_m, thicker = float(np.percentile(off_m, 95)), _thicker(points.asset, shape, name)
@@ -94,7 +96,7 @@ def _joints_of(name: CoveredPart) -> tuple[int, ...]:
 
 @cache
 def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
-    """Return, for each segment, (p,) bool: the skin points that move with the segment."""
+    """Return, for each segment, (p,) bool: whether each skin point moves with the segment."""
     bones: dict[CoveredPart, tuple[str, ...]] = {"trunk": TRUNK}
     for segment, (bone, _) in _LIMBS.items():
         bones |= {f"{segment}_{side}": (f"{side.capitalize()}{bone}",) for side in SIDES}  # type: ignore[misc]
@@ -103,7 +105,9 @@ def points_of_segments(points: SkinPoints) -> dict[CoveredPart, np.ndarray]:
 
 @cache
 def patches_of(points: SkinPoints, part: str) -> np.ndarray:
-    """Return the patches (k,) that lie mostly on a segment; an empty array for hands, feet and head."""
+    """Return the indices (k,) of the patches of skin that lie mostly on a segment; an empty array for hands, feet and
+    head.
+    """
     mine = points_of_segments(points).get(part)  # type: ignore[call-overload]
     patches = points.covered[:, len(CLOTHES) :]
     if mine is None:

@@ -1,4 +1,6 @@
-"""Compute the joints' sigma from the pose's covariance, the cameras' noise and the ambiguity of the images."""
+"""Compute the sigma (standard deviation) of the joints' places from the pose's covariance, the cameras' noise and the
+ambiguity of the images.
+"""
 
 from __future__ import annotations
 
@@ -68,8 +70,8 @@ def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
     """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE). J is the rows' Jacobian, S the diagonal matrix of ``strength``
-    (each row's weight times its noise). N is 1 for two rows of one patch, else 0. Rows with a negative patch number
-    share their error with no other row.
+    (each row's weight times its noise). The entry of N for two rows is 1 if both rows belong to the same patch, else 0.
+    Rows with a negative patch number share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -86,7 +88,8 @@ def finest_patch_m(evidence: Evidence) -> float:
     """Return the side, in metres at the patient, of a patch of pixels that share one error. The camera with the
     smallest patches counts. The result is 0 if no camera shows the patient.
 
-    The matching windows and the smoothing of a sensor displace the edges of a limb by a fraction of this length.
+    Sensors match windows of pixels or smooth their images, which displaces the edges of a limb by a fraction of this
+    length.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -97,7 +100,7 @@ def finest_patch_m(evidence: Evidence) -> float:
 
 
 # m2; limbs become less certain if the body leaves at least this area of seen skin uncovered; clothes and gripping hands
-# alone leave about as much
+# alone leave about as much uncovered
 WORTH_M2: Final = 0.004
 # m, the length of a shank, or of a forearm with its hand. A joint may lie at the tip of an uncovered piece of skin only
 # if the tip is nearer than this to the joint's estimated place
@@ -113,8 +116,12 @@ CONSTANT_ERROR_M: Final = 0.003
 class FrameErrors(NamedTuple):
     """The variance of the joints' places that follows from one frame."""
 
-    pose: np.ndarray  # (21,) m2, from the rows of this frame alone, along the direction in which it is largest
-    shape: np.ndarray  # (21,) m2 per axis, from the uncertainty of the body's shape; 0 if this is unknown
+    # (21,) m2, variance that follows from the rows of this frame alone, along the direction in which the variance is
+    # largest
+    pose: np.ndarray
+    # (21,) m2, variance per axis that follows from the uncertainty of the body's shape; 0 if this uncertainty is
+    # unknown
+    shape: np.ndarray
 
 
 def joint_sigma(
@@ -130,12 +137,12 @@ def joint_sigma(
 
     covariance (POSE_SIZE, POSE_SIZE): covariance of the pose, the inverse of the normal equations' hessian. noise:
     array of the same shape from ``noise_covariance``; None if the cameras' noise is unknown. patch_m: from
-    ``finest_patch_m``; a limb lies midway between its two edges, and each edge has a uniform error within such a patch.
-    frame: from ``frame_errors``; None: only the covariance counts.
+    ``finest_patch_m``; a limb is placed midway between its two edges in the image, and each edge has a uniform error
+    within such a patch. frame: from ``frame_errors``; None: these errors are left out.
 
     The covariance treats the errors of all frames as independent. But clothes, person labels and hidden limbs cause the
-    same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So the
-    variance of a joint is at least the variance that follows from this frame alone.
+    same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So a
+    joint's variance by the covariance is raised to the variance that follows from this frame alone, if that is larger.
     """
     places, bones = body.mesh.joints(posed.transforms), joint_bones(body.points.asset)
     variance = config.inflation**2 * _variance(body, posed, covariance, bones, places)
@@ -162,7 +169,9 @@ def skin_sigma(body: Body, posed: PosedPoints, covariance: np.ndarray, config: U
 def _variance(
     body: Body, posed: PosedPoints, covariance: np.ndarray, bones: np.ndarray, places_m: np.ndarray
 ) -> np.ndarray:
-    """Return the variance (n,), m2, of places_m (n, 3) fixed to bones (n,), the mean over the three axes."""
+    """Return the variance (n,), m2, mean over the three axes, of places_m (n, 3); each place is fixed to a bone of
+    bones (n,).
+    """
     jacobian = joint_jacobian(body, posed.transforms, bones, places_m)
     return place_variance(jacobian, covariance)
 
@@ -180,9 +189,9 @@ def smeared_sigma(
 
     A node then gives the skin's place only to within the width of an edge. So all nodes in a square of this width count
     as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction
-    that the trunk faces follows from the difference between the trunk's breadth and depth, and both have an error of
-    edge_m. So joints off the trunk's axis have an additional error that is proportional to their distance from the
-    axis.
+    that the trunk faces is recognised by the difference between the trunk's breadth and depth, and both breadth and
+    depth have an error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their
+    distance from the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -196,7 +205,7 @@ def smeared_sigma(
     spread = _by_frame(body, pose, wide, vague_belief(pose).information, alike).spread
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    # mean over the three axes; the error lies along a single axis
+    # mean over the three axes of an error that lies along a single axis
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + variance + turned))
 
@@ -212,9 +221,10 @@ def frame_errors(
 ) -> FrameErrors:
     """Return the errors of the joints that follow from the rows of one frame and from the ranges of the joints.
 
-    unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts.
-    Pose and shape are parameters of the same normal equations, so a body with another shape would have been registered
-    in another pose. Where skin is seen, the joints of the two bodies hardly differ, even if their bones do.
+    unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts. A
+    body with another shape would have been registered in another pose. The errors include this effect, since pose and
+    shape are parameters of the same normal equations. Where skin is seen, the joints of the two bodies lie at almost
+    the same places, even if the lengths of their bones differ.
     """
     posed, fewer_nodes = pose_points(body, pose), replace(config, node_count=min(config.node_count, FRAME_NODES))
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], fewer_nodes)
@@ -237,8 +247,8 @@ class _FromFrame(NamedTuple):
     """The joints' errors that follow from one frame."""
 
     spread: np.ndarray  # (21, 3, 3) m2, mean of the outer products of the joints' errors
-    # (21, 3, s) change of the joints' places by the shape, because the registered pose changes with the shape; the
-    # change that the shape causes in an unchanged pose is not included
+    # (21, 3, s) derivative of the joints' places by the shape, as far as the registered pose changes with the shape;
+    # the change that the shape causes in an unchanged pose is not included
     by_shape: np.ndarray
 
 
@@ -270,7 +280,7 @@ def unexplained_sigma(
     Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
     may lie at the piece's tip instead of its present place. The log odds for this place are the log likelihood that the
     limb would gain on the piece, minus the log likelihood that the limb would lose at its present place. An elbow or
-    knee may lie at the tip, too; then the log likelihood of the whole limb would be lost.
+    knee may lie at the piece's tip, too; then the log likelihood of the whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -290,8 +300,9 @@ def unexplained_sigma(
 
 def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()) -> frozenset[int]:
     """Return the lost hands and feet (joint indices). A hand or foot is lost if a camera sees past its place in this
-    frame. It is also lost if a camera saw past it in an earlier frame and no camera has seen it since then. before: the
-    lost hands and feet of the frame before.
+    frame, that is, sees something farther away there. A hand or foot is also lost if a camera saw past its place in an
+    earlier frame and no camera has seen the hand or foot since then. before: the lost hands and feet of the frame
+    before.
     """
     return frozenset(
         end

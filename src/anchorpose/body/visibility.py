@@ -1,4 +1,6 @@
-"""Decide, from the skin around a joint, whether cameras see it or what hides it; find depth images of poor quality."""
+"""Decide, from the skin around a joint, whether cameras see the joint or what hides it; find depth images of poor
+quality.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +29,11 @@ JOINT_RADIUS_M: Final = 0.13
 TRUNK_RADIUS_M: Final = 0.22
 # a camera sees a joint if it sees at least this share of the camera-facing skin around the joint
 LEAST_SEEN: Final = 0.2
-# if more than this share of the skin around a joint lies outside the image, the joint itself counts as outside
+# if more than this share of the camera-facing skin around a joint lies outside the image, the camera does not see the
+# joint
 MOST_OUTSIDE: Final = 0.5
-# minimum cosine between ray and skin normal for skin to count as facing a camera; below it, almost no readings exist
+# minimum cosine between the skin's normal and the direction to the camera for skin to count as facing the camera; below
+# this cosine, almost no readings exist
 GRAZING: Final = 0.25
 
 _TRUNK = ("Hips", "Spine")
@@ -44,8 +48,9 @@ _REASONS = (
 
 
 class SkinReason(IntEnum):
-    """The kind of reading that a camera has at a skin point's pixel: whether the camera sees the point, or why not. The
-    value of each kind except the last is the index of the corresponding joint state in ``_REASONS``.
+    """The kind of reading that a camera has at a skin point's pixel: it shows the point, or gives the reason why the
+    camera does not see the point. The value of each kind except the last is the index of the corresponding joint state
+    in ``_REASONS``.
     """
 
     SEEN = 0  # the pixel shows the patient, at the depth of the point
@@ -55,7 +60,9 @@ class SkinReason(IntEnum):
     # the pixel has no usable reading, or shows an object of the room at the depth of the point or in front of it
     HOLE = 4
     OUTSIDE = 5  # the point lies outside the image
-    PAST = 6  # the camera sees past the point: the reading lies farther away
+    # the camera sees past the point: it reads something farther away, or the pixel shows the background without a
+    # reading
+    PAST = 6
 
 
 class Projection(NamedTuple):
@@ -74,8 +81,8 @@ def projection_of(camera: Camera) -> Projection:
 
 @cache
 def skin_around_joints(points: SkinPoints) -> tuple[np.ndarray, ...]:
-    """Return, for each joint, the skin points that decide its visibility. These points lie around the joint at rest, on
-    the body parts that meet at the joint.
+    """Return, for each joint, the skin points that decide its visibility. In the rest pose, these points lie around the
+    joint, on the body parts that meet at the joint.
     """
     asset: BodyAsset = points.asset
     body = shape_body(asset, np.zeros(1))
@@ -98,11 +105,13 @@ def joint_states(
     cameras: Sequence[Camera],
     config: VisibilityConfig,
 ) -> tuple[JointState, ...]:
-    """Return each joint's state: observed if any camera sees it, else why most of the skin around it is hidden.
+    """Return each joint's state: observed if any camera sees the joint, else the most frequent reason why the skin
+    around the joint is hidden.
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A
-    joint is lost if a camera sees past most of the skin around it and no camera sees the patient there.
+    joint is lost if some camera sees past more of the skin around the joint than is hidden from this camera or outside
+    its image, and no camera sees the patient there.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible, refuted = (np.zeros(JOINT_COUNT, dtype=bool) for _ in range(3))
@@ -122,7 +131,7 @@ def joint_states(
             inside = counts[SkinReason.OUTSIDE] <= MOST_OUTSIDE * len(towards)
             observed[joint] |= inside and counts[SkinReason.SEEN] >= LEAST_SEEN * len(towards)
             possible[joint] |= counts[SkinReason.SEEN] + behind[towards].sum() >= LEAST_SEEN * len(towards)
-            # a camera whose view of the joint is blocked does not weaken what another camera sees
+            # a single camera is enough: other cameras, whose view of the joint may be blocked, do not count against it
             refuted[joint] |= counts[SkinReason.PAST] > counts[SkinReason.SELF : SkinReason.PAST].sum()
             votes[joint] += counts / len(towards)
     votes[:, SkinReason.SEEN] = 0.0
@@ -137,7 +146,7 @@ def joint_states(
 def seen_skin(
     posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera], config: VisibilityConfig
 ) -> np.ndarray:
-    """Return (p,) bool: skin points that face a camera and are seen by it at a pixel with the patient's label."""
+    """Return (p,) bool: whether each skin point faces a camera that sees the point as part of the patient."""
     seen = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -147,7 +156,7 @@ def seen_skin(
 
 
 def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]) -> np.ndarray:
-    """Return (p,) bool: skin points that face a camera which has a depth image of the frame."""
+    """Return (p,) bool: whether each skin point faces a camera that has a depth image of the frame."""
     facing = np.zeros(len(posed.points_m), dtype=bool)
     for view, camera in zip(views, cameras, strict=True):
         if view is not None:
@@ -158,7 +167,7 @@ def facing_skin(posed: PosedPoints, views: Sequence[View | None], cameras: Seque
 def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the ``SkinReason`` (p,) of each skin point, and (p,) bool: whether the point faces the camera.
 
-    reach_m: maximum depth difference between a skin point and a reading of the patient that shows it.
+    reach_m: maximum depth difference between a skin point and a reading that still counts as a reading of this point.
     """
     column, row, far = pixels_of(posed.points_m, projection_of(camera), *view.labels.shape)
     reason = _read(column, row, far, view.labels, view.depth_m, reach_m)
@@ -221,8 +230,8 @@ def _read(
 
 @njit(cache=True, nogil=True)
 def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing: float) -> np.ndarray:
-    """Return (p,) bool: skin points at which the cosine between the normal and the direction to the camera is above
-    ``grazing``.
+    """Return (p,) bool: whether the cosine between the normal of each skin point and the direction to the camera is
+    above ``grazing``.
     """
     facing = np.empty(len(points), np.bool_)
     for p in range(len(points)):
@@ -235,7 +244,8 @@ def _turned_to(points: np.ndarray, normals: np.ndarray, eye: np.ndarray, grazing
     return facing
 
 
-MOST_MISSING: Final = 0.5  # a depth image is poor if more than this share of the camera-facing skin has no reading
+# a depth image is poor if more than this share of the camera-facing skin has no usable reading
+MOST_MISSING: Final = 0.5
 
 
 class PoorKind(StrEnum):
@@ -258,8 +268,8 @@ class PoorDepth:
 
     @property
     def resolves_limbs(self) -> bool:
-        """Return whether the existing readings resolve limbs. They resolve limbs if holes are the only defect; only
-        joints at holes then become hidden.
+        """Return whether the existing readings resolve limbs. The readings do so if holes are the only defect; then
+        only joints at holes become hidden.
         """
         return self.kind is PoorKind.HOLES
 
@@ -313,7 +323,8 @@ def distance_of(view: View) -> float | None:
 def missing_share(posed: PosedPoints, view: View, camera: Camera, reach_m: float) -> float:
     """Return the share, 0 to 1, of the camera-facing skin inside the image that has no usable reading.
 
-    Skin hidden by a person or equipment has a reading, so it does not count as missing.
+    Skin hidden by a person or equipment has a reading, so this skin does not count as missing. Skin behind another
+    object of the room counts as missing (``SkinReason.HOLE``).
     """
     reason, facing = skin_reasons(posed, view, camera, reach_m)
     inside = reason[facing & (reason != SkinReason.OUTSIDE)]

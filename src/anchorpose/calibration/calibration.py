@@ -29,7 +29,7 @@ class PoseSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PoseFigure:
-    """A number that describes the accuracy of a camera's pose; what: name of this number, for users."""
+    """A number that describes the accuracy of a camera's pose; what: the number's name, as users read it."""
 
     what: str
     value: float
@@ -38,9 +38,9 @@ class PoseFigure:
 
 @dataclass(frozen=True, slots=True)
 class PoseRecord:
-    """The record of a camera's pose. sigma_m: standard deviation of the equipment's position relative to the camera
-    (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the camera's rotation; both
-    are None if unknown.
+    """The source and the accuracy of one camera's pose. sigma_m: standard deviation of the equipment's position
+    relative to the camera (for a pose from markers: of the camera's position); sigma_rad: standard deviation of the
+    camera's rotation; both are None if unknown.
     """
 
     camera: str
@@ -62,19 +62,19 @@ class FloorResidual:
 
 
 class DoubtSource(StrEnum):
-    """The source of a doubt about a camera's pose."""
+    """The observation that contradicts a camera's pose."""
 
     FLOOR = "floor"
     UPSIDE_DOWN = "people on a floor above the camera"
     EQUIPMENT = "equipment"
-    CAMERAS = "cameras"  # another camera that sees the same surfaces
+    CAMERAS = "cameras"  # another camera's view of the same surfaces
 
 
 @dataclass(frozen=True, slots=True)
 class PoseDoubt:
-    """A doubt about camera poses, stated in one sentence. off_m: distance by which wrong poses displace the surfaces
-    that the cameras see, NaN where unknown. refuted: True if noise and errors of a tape measure cannot cause so large a
-    contradiction; tracking is then refused.
+    """A contradiction between camera poses and what the cameras see, stated in one sentence. off_m: distance by which
+    wrong poses displace the surfaces that the cameras see, NaN where unknown. refuted: True if neither noise nor the
+    errors of a tape measure can cause so large a contradiction; tracking is then refused.
     """
 
     source: DoubtSource
@@ -127,7 +127,9 @@ def write_calibration(folder: Path, recording: str, calibration: Calibration) ->
 
 
 def calibration_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """Return texts, a row per camera: name, method, sigma in mm and degrees, rms residuals in mm and px."""
+    """Return a table of texts with one row per camera: name, method, sigma in mm and degrees, rms residuals in mm and
+    px.
+    """
     rows: list[tuple[str, ...]] = []
     for pose in calibration.poses:
         figures: dict[str, Any] = {figure.unit: figure.value for figure in reversed(pose.figures)}

@@ -2,9 +2,9 @@
 
 The floor that a camera sees gives the camera's tilt and height. The rotation about the vertical and the shift over the
 floor come from the people that two cameras see: first from people's places over time (``search_ground``), then from
-people's surfaces at the same moments (``common_view``). Walls and floor are not fitted, since a shift along a wall
-cannot be seen. With walls and floor in the fit, the error on simulated clinics was 5 mm instead of 2 mm, since the
-systematic error of a time-of-flight camera bends large distant planes.
+people's surfaces at the same moments (``common_view``). Walls and floor are left out of this fit, since their depth
+stays the same if a camera is shifted along them. With walls and floor in the fit, the error on simulated clinics was 5
+mm instead of 2 mm, since the systematic error of a time-of-flight camera bends large distant planes.
 """
 
 from __future__ import annotations
@@ -30,30 +30,39 @@ LEAST_MOMENTS: Final = 6
 # s, minimum duration of a recording. People walk too little in a shorter recording; a recording of 4 s gave a wrong
 # placement
 LEAST_SPAN_S: Final = 8.0
-PLACES: Final = 8  # number of search results that are refined; the correct result was always among the best three
+# number of placements from the search that are refined; the correct placement was always among the best three
+PLACES: Final = 8
 # maximum share of one camera's points on people that may lie where the other camera sees no people; correct placements
 # had 0.01 to 0.06
 WORST_IMPOSSIBLE: Final = 0.1
 # minimum share of one camera's points on people that must lie inside the other camera's image; with a smaller share,
 # nothing would contradict a wrong placement
 LEAST_COMMON: Final = 0.3
-# m, maximum residual of fitted surfaces; correct placements had 2 or 3 mm, a body's front fitted to a back had 11 mm
+# m, maximum residual of fitted surfaces; correct placements had 2 or 3 mm, a placement that fits the front of a body to
+# its back had 11 mm
 WORST_RESIDUAL_M: Final = 0.008
 WORST_SIGMA_M: Final = 0.005
 WORST_SIGMA_RAD: Final = 0.0052  # rad, maximum sigma of the rotation between two cameras: 0.3 degrees
-# factors on the limits of the residual and of the sigmas, used while the clocks are known only to 50 ms
+# factors by which the limits of the residual and of the sigmas are multiplied while the clocks are known only to 50 ms
 ROUGH_RESIDUAL, ROUGH_SIGMA = 3.0, 4.0
-DISTINCT_M: Final = 0.05  # m; if another accepted placement is farther from the best, the choice is ambiguous
+# m; the choice is ambiguous if the second camera's position in another accepted placement differs from its position in
+# the best placement by more than this
+DISTINCT_M: Final = 0.05
 
 CELL_M: Final = 0.1
 MAPPED_MOMENTS: Final = 12  # number of moments for which maps of the ground are made; more moments do not help
-REACH_M: Final = 6.0  # m, maximum distance of mapped points from their camera; few readings are farther away
+# m, maximum distance of mapped points from their camera along each axis of the map; few readings are farther away
+REACH_M: Final = 6.0
 BLUR_M: Final = (
-    0.12  # m, sigma of the maps' Gaussian blur; it makes different sides of a body, as two cameras see them, overlap
+    # m, sigma of the maps' Gaussian blur; two cameras see different sides of a body, and the blur makes them overlap
+    0.12
 )
-TURNS: Final = 120  # number of yaw angles tried; at 5 m, a step of 3 degrees moves a person by half a body's breadth
-BODY_M: Final = 0.1  # m, approximate depth of the middle of a trunk behind its visible skin
-LOW_M, HIGH_M = 0.2, 2.2  # m, range of heights of mapped points: above the floor's noise, below the ceiling
+# number of yaw angles tried; a step of 3 degrees moves a person at a distance of 5 m by half a body's breadth
+TURNS: Final = 120
+BODY_M: Final = 0.1  # m, approximate distance from the visible skin of a trunk to the trunk's middle
+# m above the floor, lowest and highest mapped points: the range lies above the noise of floor readings and below the
+# ceiling
+LOW_M, HIGH_M = 0.2, 2.2
 APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less than both limits are the same placement
 
 
@@ -61,7 +70,9 @@ APART_RAD, APART_M = 0.35, 0.4  # rad and m; search results that differ by less 
 class PlacingConfig:
     """Settings for placing cameras without poses relative to each other, by means of the people that they see."""
 
-    moments: Count = 24  # number of moments compared, spread over the recording so that people move between them
+    # number of moments (times with a frame of every camera) that are compared; they are spread over the recording, so
+    # that people move between them
+    moments: Count = 24
     step_px: Count = 3  # pixels; every third pixel of every third row is compared
 
 
@@ -90,8 +101,8 @@ class CameraLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraToCamera:
-    """The poses of all cameras, T_first_camera (4, 4) each, where the first is the identity; links: one for each camera
-    except the first.
+    """The poses of all cameras relative to the first camera, T_first_camera (4, 4) each, the identity for the first
+    camera; links: one for each other camera.
     """
 
     T_first_camera: tuple[np.ndarray, ...]
@@ -101,7 +112,8 @@ class CameraToCamera:
 def find_camera_to_camera(
     recording: Recording, floors: Sequence[FloorPlane | NoFloor], config: PlacingConfig, rough_clocks: bool = False
 ) -> CameraToCamera | NoCameraToCamera:
-    """Find every camera's pose relative to the first camera's, from frames of ``recording`` with synchronised clocks.
+    """Find the pose of every camera relative to the first camera, from a recording in which all cameras' clocks are
+    synchronised.
 
     floors: one per camera. A camera whose view overlaps too little with that of the first camera is placed relative to
     another placed camera. rough_clocks: whether the clocks are known only to 50 ms. If so, worse fits are accepted,
@@ -124,7 +136,9 @@ def place_cameras(
     config: PlacingConfig,
     rough_clocks: bool = False,
 ) -> CameraToCamera | NoCameraToCamera:
-    """Find every camera's pose relative to the first; frames: in the order of time, each with all cameras' depth."""
+    """Find the pose of every camera relative to the first camera; frames: frame sets in chronological order, each with
+    a depth image of every camera.
+    """
     if frames[-1].time_s - frames[0].time_s < LEAST_SPAN_S:
         return NoCameraToCamera.TOO_SHORT
     views = [
@@ -149,7 +163,9 @@ def place_cameras(
 
 
 def _common_frames(recording: Recording, moments: int) -> list[FrameSet]:
-    """Return frames, spread over the recording, in which all cameras have a depth frame of about the same time."""
+    """Return frame sets, spread over the recording, in which all cameras have a depth image, taken at about the same
+    time.
+    """
     pairs = pair_frames(recording)
     whole = np.flatnonzero((pairs >= 0).all(axis=1))
     if not len(whole):
@@ -197,8 +213,8 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
     of the two views (``LevelView``).
 
     If the floor is known, the pose between two cameras is a rotation about the vertical and a shift over the floor. For
-    every rotation, maps of the ground are correlated over all shifts at once: one map of the people per moment, and one
-    of the room's walls and furniture.
+    every rotation, the two cameras' maps of the ground are correlated at all shifts at once. Each camera has one map of
+    the people per moment, and one map of the room's walls and furniture.
     """
     maps = _maps(first, 0.0)
     size = next_fast_len(2 * maps.shape[1])
@@ -218,8 +234,8 @@ def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
 
 
 def _maps(view: LevelView, turn: float) -> np.ndarray:
-    """Return maps (moments + 1, cells, cells) float32 of unit norm, turned by ``turn``: people per moment, then the
-    room.
+    """Return maps of the ground seen from above, (moments + 1, cells, cells) float32 of unit norm: a map of the people
+    per moment, then a map of the room. All points are rotated about the vertical by ``turn`` radians first.
     """
     T, every = view.T_level_camera, -(-len(view.seen) // MAPPED_MOMENTS)
     moments = [_deeper(transform_points(T, seen.points_m[seen.person])) for seen in view.seen[::every]]

@@ -1,4 +1,5 @@
-"""Measure the lags between the cameras' clocks: roughly from signals of motion, then precisely from surfaces.
+"""Measure the lags between the cameras' clocks (a lag is the difference between two clocks at the same moment): first
+roughly from signals of motion, then precisely from the surfaces that two cameras see.
 
 Cameras see different sides of a body, so a movement looks larger in one camera than in another. But all cameras see the
 movement at the same time. The signal of motion is the change of depth, summed separately in each band of height above
@@ -22,20 +23,24 @@ from anchorpose.calibration.first_frames import FloorPlane, noise_per_m
 from anchorpose.camera import Camera
 from anchorpose.recording.depth_image import RecordedFrames
 
-# m, edges of the height bands; the floor is below them, and nobody reaches above them
+# m above the floor, edges of the height bands; readings of the floor are below the lowest edge, and nobody reaches
+# above the highest edge
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m; a larger change of depth between a frame and the next but one counts as this much, as it shows another surface
+# m, maximum change of a pixel's depth from a frame to the next but one. A larger change counts as this value, because
+# the pixel then shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
-NOISE_GATE: Final = 4.0  # sigmas of the difference of two readings; smaller changes are noise
+# sigmas of one reading's noise, subtracted from each change of depth; smaller changes count as noise
+NOISE_GATE: Final = 4.0
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
 # minimum overlap, as a share of the shorter signal; with less, wrong lags may by chance correlate as well as the
 # correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
-# minimum correlation; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up to 0.42
+# minimum correlation for a lag to count as certain; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up
+# to 0.42
 LEAST_PEAK: Final = 0.4
 CERTAIN_LEAD: Final = 2.0  # minimum ratio of the highest to the second peak for a lag to need no check by surfaces
 PEAKS: Final = 4  # number of peaks whose lags are checked by surfaces if no peak is certain
@@ -129,7 +134,9 @@ def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
 
 
 def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
-    """Correlate x with y at a lag of ``shift`` steps; NaN where they share fewer than ``least`` steps."""
+    """Correlate x with y at a lag of ``shift`` steps; NaN if they overlap in fewer than ``least`` steps, or if x or y
+    is 0 in the whole overlap.
+    """
     begin, end = max(0, -shift), min(len(x), len(y) - shift)
     if end - begin < least:
         return float("nan")
@@ -139,16 +146,18 @@ def _correlation(x: np.ndarray, y: np.ndarray, shift: int, least: int) -> float:
 
 
 def _vertex(score: np.ndarray, best: int) -> float:
-    """Return where the parabola through the score at ``best`` and its neighbours peaks, in steps from ``best``."""
+    """Return the position of the peak of a parabola through the score at ``best`` and its two neighbours, in steps from
+    ``best``; 0 if a neighbour is missing.
+    """
     if not 0 < best < len(score) - 1 or not np.isfinite(score[best - 1 : best + 2]).all():
         return 0.0
     left, middle, right = score[best - 1 : best + 2]
     return float(0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-MOST_AHEAD_S: Final = 5.0  # s, maximum difference of clocks that share an epoch
+MOST_AHEAD_S: Final = 5.0  # s, maximum difference between two clocks that count from the same epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block, from whose frames one signal of motion is computed; people make several movements in 12 s
+# s, duration of a block; the frames of a block give one signal of motion. People make several movements in 12 s
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
 WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras
@@ -159,9 +168,9 @@ LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unl
 LEAST_FRAMES: Final = 8  # minimum number of frames in a window: the frames of a camera at 4 Hz in ``WINDOW_S``
 
 DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock is accurate to 100 parts in a million
-PLACES: Final = 4  # number of moments compared per part of the recording in ``busiest_times``
+PLACES: Final = 4  # number of times in each part of the recording at which ``busiest_times`` measures movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
-APART_S: Final = 0.2  # s, time between the two frames whose difference is the amount of movement
+APART_S: Final = 0.2  # s, time between the two frames whose difference measures the amount of movement
 # m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
 # value, since it shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
@@ -169,8 +178,9 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, at the
-    reference time at_s.
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, relative
+    to the pair's rough lag (see ``fine_lags``); at_s: the time of this lag, on the reference clock (the clock of camera
+    0).
     """
 
     first: int
@@ -182,8 +192,9 @@ class PairLag:
 
 @dataclass(frozen=True, slots=True)
 class RoughLag:
-    """A rough lag. lag_s: the camera's clock minus the reference clock at about the reference time at_s, correct within
-    ``REACH_S``; certain: True if the lag need not be checked by comparing surfaces.
+    """A rough lag of one camera. lag_s: the camera's clock minus the reference clock, at about the time at_s of the
+    reference clock; reach_s: maximum error of lag_s; certain: True if the lag need not be checked by comparing
+    surfaces.
     """
 
     lag_s: float
@@ -192,14 +203,15 @@ class RoughLag:
     certain: bool = False
 
 
-REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the first camera relative to itself
+REFERENCE: Final = RoughLag(0.0, 0.0, 0.0, True)  # the lag of the first camera relative to itself
 
 
 def busiest_times(frames: RecordedFrames, span_s: tuple[float, float], windows: int) -> list[tuple[float, float]]:
-    """Return, for each of ``windows`` equal parts of the recording, the reference time with most movement, and the
-    amount of this movement (m^3).
+    """Return, for each of ``windows`` equal parts of the recording, the time on the reference camera's clock with most
+    movement, and the amount of this movement (m^3).
 
-    Each part of ``span_s`` is sampled at ``PLACES`` times, with two frames each; a part without frames has no entry.
+    In each part of ``span_s``, movement is measured at ``PLACES`` times, from two frames each; a part without frames
+    has no entry.
     """
     edges = np.linspace(*span_s, windows + 1)
     found = []
@@ -233,9 +245,10 @@ def _motion(frames: RecordedFrames, time_s: float) -> float:
 def rough_lags(
     frames: RecordedFrames, levels: Sequence[FloorPlane | None], busiest_s: Sequence[float]
 ) -> list[RoughLag | None]:
-    """Return each camera's lag by signals of motion, None if none is found. If no lag of a camera is certain, surfaces
-    decide among the camera's best lags. If a certain lag contradicts the time stamps, surfaces decide between this lag
-    and the time stamps.
+    """Return each camera's lag, found from signals of motion; None if no lag is found. If no lag of a camera is
+    certain, the camera's best lags and the lag by the time stamps are compared, and the lag at which the camera's
+    surfaces fit the reference camera's surfaces best is chosen. If a certain lag contradicts the time stamps, surfaces
+    decide in the same way between this lag and the time stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -269,7 +282,9 @@ def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middle times of the blocks for the signals, the busiest first; blocks overlap by less than half."""
+    """Return the middle time of each block from which signals are computed, the block with most movement first; blocks
+    overlap by less than half.
+    """
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
         return [float(times_s[0] + times_s[-1]) / 2]
@@ -279,8 +294,9 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the lags around which to search, each with its largest error. One lag is for clocks that share an epoch,
-    unless their times hardly overlap; another lag is for recorders that were started together.
+    """Return the lags around which to search, each with its largest error. A lag of 0 is for clocks that count from the
+    same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two first times is
+    for recorders that were started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -322,7 +338,9 @@ def _between(frames: RecordedFrames, camera: int, begin_s: float, end_s: float) 
 def _best_by_surfaces(
     frames: RecordedFrames, camera: int, possible: Sequence[RoughLag], times_s: Sequence[float]
 ) -> RoughLag | None:
-    """Return the lag at which this camera's surfaces fit the reference camera's best; None if no lag can be tested."""
+    """Return the lag at which this camera's surfaces fit the surfaces of the reference camera best; None if no lag can
+    be tested.
+    """
     best, least_m = None, np.inf
     reference = RoughLag(0.0, 0.0)
     clips = [_clip(frames, 0, at_s, reference) for at_s in times_s]
@@ -339,8 +357,9 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lag of each pair of posed cameras in each window in which it can be measured. Each lag is stored
-    relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be lost.
+    """Return the lag of each pair of cameras with poses, in each window in which this lag can be measured. Each lag is
+    stored relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be
+    lost.
     """
     lags = []
     for at_s in times_s:

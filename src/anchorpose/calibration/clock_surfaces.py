@@ -1,9 +1,10 @@
-"""Measure the lag between two posed cameras from the surfaces that both see.
+"""Measure the lag between the clocks of two cameras with known poses, from the surfaces that both cameras see.
 
 A point that camera A saw at time t is projected into camera B at time t + lag. B's reading at this pixel, interpolated
-in time, differs from the point's depth in B. The difference is the error of the lag times the rate of change of the
-depth. Tens of thousands of such residuals give the lag, by least squares, to below a millisecond. Errors of poses,
-sensors or clothes do not bias the lag, because the mean residual of each patch of the depth image is subtracted first.
+in time, differs from the point's depth in B. This difference is the error of the assumed lag, multiplied by the rate at
+which the depth changes. Tens of thousands of such residuals give the lag, by least squares, to below a millisecond.
+Systematic differences of depth (due to wrong poses, errors of the sensors or clothes) do not bias the lag, because the
+mean residual of each patch of the depth image is subtracted first.
 """
 
 from __future__ import annotations
@@ -20,22 +21,37 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
 UNITS_PER_M: Final = 4000.0  # units per metre in ``Clip.stack``; in quarters of a millimetre, 16 bits reach 16 m
-OPENED_PX: Final = 5  # pixels, side of the window that removes single flickering pixels; they do not show a limb
-# number of frames from which a pixel's noise is computed, by a median; the noise then has an error of a quarter
+# pixels, side of the window of the morphological opening that removes small groups of flickering pixels, since a limb
+# has more pixels
+OPENED_PX: Final = 5
+# number of frames from which a pixel's noise is computed, by a median; with this number, the computed noise has an
+# error of a quarter of its value
 NOISE_FRAMES: Final = 16
-SPREAD_FRAMES: Final = 8  # number of frames of a clip among which a pixel's change of depth is measured
+# number of frames, spread over a clip, by which the range of a pixel's depth over time is measured
+SPREAD_FRAMES: Final = 8
 
-# pixels, spacing of the grid of points, since errors of neighbouring pixels are correlated; a body has 1700 points
+# pixels, spacing of the grid of points. Not every pixel is used, since errors of neighbouring pixels are correlated;
+# with this spacing, a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
-MOVED_GATE: Final = 6.0  # minimum change of a pixel's depth in sigmas; noise alone causes 3 sigmas in eight frames
+# minimum change of a pixel's depth within a clip, in sigmas of the pixel's noise; noise alone causes 3 sigmas in eight
+# frames
+MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-ONE_SURFACE_M: Final = 0.15  # m, maximum change of depth in four frames (1.1 m/s at 30 Hz); a passing edge exceeds it
-LEAST_FACING: Final = 0.3  # minimum cosine between normal and ray in both cameras; with less, readings are imprecise
-PATCH_PX: Final = 24  # pixels, side of the image patches whose mean residual is subtracted; 10 cm at 2 m
-CHUNK_S: Final = 0.25  # s, duration of a chunk of time; the errors of residuals in one chunk are correlated
-# minimum rate of change of depth, in sigmas of its noise; still surfaces add no evidence and cost time
+# m, maximum change of a pixel's depth if the pixel shows one surface: over four consecutive frames, which span 0.1 s at
+# 30 Hz (so 1.5 m/s), and over a whole clip in ``_moving``; a passing edge exceeds it
+ONE_SURFACE_M: Final = 0.15
+# minimum cosine of the angle between a surface's normal and the ray, in both cameras; at flatter angles, readings are
+# imprecise
+LEAST_FACING: Final = 0.3
+# pixels, side of the image patches whose mean residual is subtracted; at a distance of 2 m, a patch is 10 cm wide
+PATCH_PX: Final = 24
+# s, duration of the chunks of time into which residuals are divided for the lag's standard error; errors of residuals
+# in one chunk are correlated
+CHUNK_S: Final = 0.25
+# minimum rate at which a point's depth changes, in sigmas of the rate's noise; points on still surfaces are left out,
+# since they add no evidence and cost time
 RATE_GATE: Final = 3.0
 LEAST_POINTS: Final = 400  # minimum number of residuals for a lag; a hand alone has fewer
 ROUNDS: Final = 12  # maximum number of Newton steps; three or four are enough
@@ -44,11 +60,11 @@ SETTLED_S: Final = 2e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """Consecutive depth frames of one posed camera and the moving points in them.
+    """Consecutive depth frames of one camera with a known pose, and the points on moving surfaces in these frames.
 
-    time_s (n,); stack (n, height * width) uint16: smoothed depth in ``UNITS_PER_M``, 0 = no reading; noise_m (height *
-    width,): standard deviation of still readings over time; points_world_m, normals_world (m, 3) float64: points on
-    moving surfaces; frame (m,): index of each point's frame.
+    time_s (n,); stack (n, height * width) uint16: smoothed depth in m, multiplied by ``UNITS_PER_M``, 0 = no reading;
+    noise_m (height * width,): standard deviation of still readings over time; points_world_m, normals_world (m, 3)
+    float64: points on moving surfaces; frame (m,): index of each point's frame.
     """
 
     camera: Camera
@@ -87,7 +103,8 @@ def make_clip(camera: Camera, frames: Sequence[tuple[float, np.ndarray]]) -> Cli
 
 
 def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> SurfaceLag | None:
-    """Return the lag within ``reach_s`` of ``around_s``; None if the cameras share too little movement.
+    """Return the lag between two clips' clocks, searched within ``reach_s`` of ``around_s``; None if both cameras see
+    too little movement in common, or if the search does not converge in this range.
 
     Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise the residuals of
     both clips' points by robust least squares; each point is compared with the other clip. The standard error accounts
@@ -116,8 +133,9 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LookUp:
-    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): a point's frame in the
-    source, its flat pixel index and depth_m in the target; period_s: time between two frames of the target.
+    """Points of the source clip, projected into the camera of the target clip. Arrays (n,): the index of a point's
+    frame in the source, the point's flat pixel index and depth_m in the target; period_s: time between two frames of
+    the target.
     """
 
     source: Clip
@@ -132,9 +150,9 @@ def _noise_over_time(depths_m: np.ndarray) -> np.ndarray:
     """Return (height, width) float32: the standard deviation of each pixel's readings, estimated from second
     differences over time.
 
-    A floor at a grazing angle and edges of objects flicker many times more than a wall. The second difference of a
-    steady movement is zero, and the median ignores other movement. If a pixel lacks readings, the noise of the whole
-    image is used.
+    Each pixel has its own noise, since a floor at a grazing angle and edges of objects flicker many times more than a
+    wall. The second difference of a steady movement is zero, and the median ignores other movement. If a pixel lacks
+    readings, the noise of the whole image is used.
     """
     chosen = np.unique(np.linspace(1, len(depths_m) - 2, NOISE_FRAMES).astype(int))
     before, now, after = depths_m[chosen - 1], depths_m[chosen], depths_m[chosen + 1]
@@ -158,7 +176,7 @@ def _range_over_time(depths_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels on a moving object, but not on the background that it uncovers."""
+    """Return (height, width) bool: pixels on a moving object, but not on the background that this object uncovers."""
     changed = (high_m - low_m > np.maximum(MOVED_M, MOVED_GATE * noise_m)).astype(np.uint8)
     changed = cv2.morphologyEx(changed, cv2.MORPH_OPEN, np.ones((OPENED_PX, OPENED_PX), np.uint8))
     ahead = (high_m - low_m < ONE_SURFACE_M) | (depth_m < high_m - ONE_SURFACE_M)
@@ -167,7 +185,9 @@ def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m:
 
 
 def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit normals (m, 3), camera frame, of moving pixels on a grid that lie on one surface."""
+    """Return points and unit normals (m, 3), camera frame, at ``moving`` pixels of a grid; a pixel is used if it lies,
+    with its neighbours, on one surface that faces the camera.
+    """
     inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
     rows, columns = (grid.ravel() for grid in np.mgrid[*inner])
     chosen = moving[rows, columns]
@@ -190,12 +210,12 @@ def _look_up(source: Clip, target: Clip) -> _LookUp:
 
 def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return, for each point that both cameras see at this lag: its index; the target's depth minus the point's depth
-    (m); and the rate of change of the target's depth (m/s), computed twice from four frames: from the outer two and
-    from the inner two.
+    (m); and the rate of change of the target's depth (m/s), computed in two ways from four consecutive frames: from the
+    outer two frames, and from the inner two frames.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
     depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth, so
-    it would pull the lag towards the middle between two frames.
+    differences multiplied by this rate would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s

@@ -53,7 +53,7 @@ class ClockFit:
     residual_s: float
 
     def sigma_s(self, camera: int, time_s: float) -> float:
-        """Return the standard error of a camera's clock at a reference time."""
+        """Return the standard error of a camera's clock at a time of the reference clock (the first camera's clock)."""
         row = np.array([1.0, time_s - self.at_s])
         return float(np.sqrt(row @ self.covariance[camera] @ row))
 
@@ -61,8 +61,10 @@ class ClockFit:
 def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
     """Fit all clocks at once by weighted least squares, each drift with a prior of 0 ± ``DRIFT_SIGMA``.
 
-    The worst lag is removed as long as it is more than ``OUTLIER_GATE`` standard deviations off. The standard errors
-    increase with the scatter of the remaining lags. Raises ValueError without lags.
+    The lag that deviates most from the fitted clocks is removed, and the fit repeated, as long as this lag deviates by
+    more than ``OUTLIER_GATE`` standard deviations and more than ``OUTLIER_GATE`` times the median deviation, and more
+    than two lags remain. The standard errors increase with the scatter of the remaining lags. Raises ValueError without
+    lags.
     """
     if not lags:
         raise ValueError("clocks need at least one lag")
@@ -84,7 +86,9 @@ def fit_clocks(lags: Sequence[PairLag], cameras: int) -> ClockFit:
 
 
 def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
-    """Return (2 * cameras,): the derivative of the lag by (ahead, drift) of each clock; 0 for the first camera."""
+    """Return the least-squares row of one lag, (2 * cameras,): the derivatives of the lag by the offset (ahead) and the
+    drift of each clock, one clock after the other; 0 for the first camera.
+    """
     row = np.zeros(2 * cameras)
     row[2 * lag.second : 2 * lag.second + 2] = 1.0, lag.at_s - at_s
     row[2 * lag.first : 2 * lag.first + 2] = -1.0, at_s - lag.at_s
@@ -93,7 +97,7 @@ def _row(lag: PairLag, cameras: int, at_s: float) -> np.ndarray:
 
 
 def _solve(lags: Sequence[PairLag], cameras: int, at_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (ahead, drift) of each clock in turn (2 * cameras,), and the covariance of these values."""
+    """Return (ahead, drift) of one clock after the other (2 * cameras,), and the covariance of these values."""
     rows = np.array([_row(lag, cameras, at_s) for lag in lags])
     weight = np.array([lag.sigma_s**-2 for lag in lags])
     information = (rows * weight[:, None]).T @ rows
@@ -113,14 +117,18 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-WINDOWS: Final = 10  # number of windows over the whole recording, since drift shows between its ends
-SPREAD: Final = 3  # step between the windows that are compared first, so that these windows already span the recording
+# maximum number of windows, spread over the whole recording, since a drift shows in the difference between the lags at
+# the recording's beginning and at its end
+WINDOWS: Final = 10
+SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
-# minimum of two shares: compared windows that give a lag, and lags that agree with the fitted clocks
+# minimum for each of two shares: for every camera, the share of the compared windows that give a lag of this camera
+# which is not an outlier; and the share of all lags that are not outliers
 AGREEING: Final = 0.75
-APART_S: Final = 0.01  # s, maximum rms residual of lags that agree, a sixth of the time between frames at 15 Hz
+# s, maximum rms residual of lags that count as agreeing; a sixth of the time between two frames at 15 Hz
+APART_S: Final = 0.01
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
@@ -178,7 +186,7 @@ class CameraClock:
 @dataclass(frozen=True, slots=True, eq=False)
 class Clocks:
     """All cameras' clocks, the reference camera's first; residual_s: root-mean-square difference between the measured
-    lags and the lags by these clocks, None without lags.
+    lags and the lags that follow from these clocks, None without lags.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -191,7 +199,8 @@ class Clocks:
 
 
 def settle_clocks(recording: Recording, cameras: Sequence[Camera], config: ClockConfig) -> tuple[Recording, Clocks]:
-    """Return ``recording`` with all times on the first camera's clock. The argument must have the recorded time stamps.
+    """Return ``recording`` with all times converted to the first camera's clock. The given ``recording`` must have its
+    original time stamps.
 
     cameras: as in the recording, with the poses known so far. With poses the clocks are more accurate, so call this
     function before and again after poses are found. A clock that cannot be estimated stays unchanged.
@@ -245,11 +254,13 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
     first_s = times_s[:CONFIRMING]
     if None not in rough:
         lags = fine_lags(frames, rough, first_s)
-    # without confirmed lags, the time stamps are from different clocks, or the common view shows too little movement
+    # if the lags are not confirmed, either the time stamps are from different clocks, or the cameras see too little
+    # movement in common
     if not _is_confirmed(lags, count, len(first_s)):
         by_signals = rough_lags(frames, levels, [at_s for at_s, _ in sorted(busy, key=lambda place: -place[1])])
         others = fine_lags(frames, by_signals, first_s)
-        # a repeated movement also correlates at wrong lags; surfaces then agree only at the correct lag
+        # the signals of a repeated movement also correlate at wrong lags, but the surfaces agree only at the correct
+        # lag
         if _agreeing(others, count) >= _agreeing(lags, count):
             rough, lags = by_signals, others
     fit = _fit(frames, rough, lags, times_s[CONFIRMING:], span_s)
@@ -332,7 +343,7 @@ def _camera_clock(
     if rough is None or not rough.certain:
         doubt = NoClock.UNSURE if lags or rough is not None else NoClock.NO_MOTION
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=doubt)
-    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # 0 is within the error of the lag: nothing contradicts the time stamps
+    if abs(rough.lag_s) < 3.0 * SIGNAL_SIGMA_S:  # the lag is 0 within its error, so nothing contradicts the time stamps
         return CameraClock(name, Clock(), ClockSource.KEPT, lags=lags, doubt=NoClock.UNSURE)
     clock = Clock(ahead_s=rough.lag_s, at_s=rough.at_s)
     return CameraClock(name, clock, ClockSource.SIGNALS, SIGNAL_SIGMA_S, None, lags)

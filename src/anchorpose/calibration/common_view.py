@@ -1,7 +1,8 @@
-"""Compare the people that two cameras see at the same moments, to find the pose between the cameras.
+"""Compare the people that two cameras see at the same moments, to find the pose of one camera relative to the other.
 
-The pose is refined by point-to-plane least squares with projective association in both directions (Chen and Medioni
-1992, doi:10.1016/0262-8856(92)90066-C).
+The pose is refined by point-to-plane least squares (Chen and Medioni 1992, doi:10.1016/0262-8856(92)90066-C). Points
+are paired by projective association in both directions: a point of one camera is paired with the point that the other
+camera sees at the pixel to which the first point projects.
 """
 
 from __future__ import annotations
@@ -17,22 +18,24 @@ from anchorpose.calibration.first_frames import MAD_OF_NORMAL, FloorPlane
 from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.rotations import rigid
 
-NEARER_M: Final = 0.12  # m, minimum distance of people from the room behind them
+NEARER_M: Final = 0.12  # m; a reading nearer than the room by more than this is a reading of a person
 SURFACE_STEP_M: Final = 0.07  # m, maximum depth difference between neighbouring pixels of one surface
 NORMAL_PX: Final = 2  # pixels, distance of the neighbours from which a normal is computed
-# pixels, side of the window that adds a rim of 3 pixels to people: at 2 m, these are 2 cm, as far as a limb moves
-# between frames
+# pixels, side of the window that adds a rim of 3 pixels to people; at a distance of 2 m, this rim is 2 cm wide, as far
+# as a limb moves between two frames
 RIM_PX: Final = 7
 # m, maximum distance of paired points in each iteration; the initial poses are off by at most 0.3 m
 GATES_M: Final = (0.4, 0.4, 0.4, 0.3, 0.3, 0.3, 0.2, 0.2, 0.2, 0.15, 0.1, 0.06, 0.04, 0.03, 0.03)
 WORST_CONDITION: Final = 1e9  # maximum condition number of the fit; beyond it, a rotation or a shift is undetermined
 SAME_WAY: Final = 0.8  # minimum cosine between the normals of one surface in two cameras
-HUBER: Final = 1.5  # robust standard deviations; larger residuals lose weight
+HUBER: Final = 1.5  # limit in robust standard deviations; residuals above it lose weight
 LEAST_PAIRS: Final = 200  # minimum number of pairs of points; a hand has fewer
 
 
 class SurfaceGates(NamedTuple):
-    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine from normal to ray."""
+    """Limits for pixels whose normal is used: maximum depth step to neighbours, minimum cosine of the angle between
+    normal and ray.
+    """
 
     step_m: float
     least_facing: float
@@ -55,7 +58,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelView:
-    """One camera's view in a frame that stands on the floor.
+    """The view of one camera, with a level coordinate frame that has its origin on the floor.
 
     T_level_camera (4, 4): Y up, origin on the floor below the camera, X level along its optical axis; depths_m: its
     depth frames (height, width) at the moments that all cameras share; smooth_m: the same after ``smoothed``; people
@@ -119,8 +122,8 @@ def level_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def smoothed(depth_m: np.ndarray, step_m: float, otherwise: np.ndarray | np.float32) -> np.ndarray:
-    """Return the mean (height, width) of each 3x3 neighbourhood if that lies on one surface, with depth differences
-    below ``step_m``; else the value of ``otherwise``.
+    """Return the mean depth (height, width) of each pixel's 3x3 neighbourhood, if all nine readings lie on one surface,
+    with depth differences below ``step_m``; else the value of ``otherwise``.
     """
     window = np.ones((3, 3), np.uint8)
     nearest = cv2.erode(depth_m, window)
@@ -174,7 +177,7 @@ def points_with_normals(
 
 
 def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return Huber's weights (n,) of residuals, and the robust deviation that scales them."""
+    """Return Huber's weights (n,) of residuals, and their scale: the robust standard deviation of the residuals."""
     spread = float(np.median(np.abs(residual))) / MAD_OF_NORMAL + 1e-6
     return 1.0 / np.maximum(1.0, np.abs(residual) / (HUBER * spread)), spread
 
@@ -184,7 +187,8 @@ def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) 
     correct.
 
     Frames at the same index in both views show the same moment. Return None if both cameras see too little in common.
-    Walls are left out: a shift along a wall cannot be seen, and walls would hold the cameras at the starting pose.
+    Walls are left out: their depth stays the same if a camera is shifted along them, and they would keep the fit at the
+    starting pose.
     """
     up, ahead, aside = first.T_level_camera[[1, 0, 2], :3]
     zero = np.zeros(3)
@@ -242,8 +246,9 @@ def _pairs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownByBoth:
-    """Points of the source that the target shows a surface at, in the target frame. points_m, normals: the source's
-    points and normals (n, 3); there_m, plane: the target's points at the same pixels and their normals (n, 3).
+    """Points of the source camera at whose pixels the target camera also shows a surface, in the target frame.
+    points_m, normals: the source's points and normals (n, 3); there_m, plane: the target's points at the same pixels
+    and their normals (n, 3).
     """
 
     points_m: np.ndarray
@@ -252,7 +257,7 @@ class ShownByBoth:
     plane: np.ndarray
 
     def away_m(self) -> np.ndarray:
-        """Return the distance (n,) of each point from the plane of the target's point."""
+        """Return the distance (n,) of each point from the plane through the target's point at the same pixel."""
         return np.asarray(np.abs(np.einsum("ij,ij->i", self.plane, self.points_m - self.there_m)))
 
     def is_one_surface(self, gate_m: float) -> np.ndarray:
@@ -269,7 +274,9 @@ class ShownByBoth:
 
 
 def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndarray, moment: int) -> ShownByBoth:
-    """Return the source's points in the frame with this index at whose pixels the target shows a surface, too."""
+    """Return the source's points in the frame with index ``moment`` at whose pixels the target also shows a surface.
+    Only points marked as ``person`` are used.
+    """
     seen = source.seen[moment]
     points = transform_points(T_target_source, seen.points_m[seen.person])
     normals = seen.normals[seen.person] @ T_target_source[:3, :3].T
@@ -282,7 +289,8 @@ def shown_by_both(target: LevelView, source: LevelView, T_target_source: np.ndar
 def paired_rows(
     first: LevelView, second: LevelView, T_first_second: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the least-squares rows of the pairs within ``gate_m``, in both directions.
+    """Return the rows of the least-squares system, one row per pair of points within ``gate_m``. The second camera's
+    points are paired with surfaces of the first camera, and vice versa.
 
     jacobian (n, 6): derivative by a small rotation and shift in the first camera's frame; residual (n,) in metres;
     moment (n,) of each pair.

@@ -32,8 +32,10 @@ LEAST_SURFACE_PAIRS: Final = 500
 # minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
 # surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
 LEAST_SUPPORT: Final = 0.02
-STEP_M, STEP_RAD = 0.1, 0.2  # m, rad: prior sigmas of an iteration's change of pose; they damp undetermined directions
-# m, maximum distance of points on one surface when the misfits of the fitted and of the given pose are computed
+# m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
+STEP_M, STEP_RAD = 0.1, 0.2
+# m, maximum distance between two cameras' points that count as on one surface, when the misfits of the fitted and of
+# the given pose are computed
 COMPARED_M: Final = 0.15
 # maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
 # only slides surfaces along themselves does not change the misfit
@@ -48,7 +50,7 @@ class Displacement:
     """How far two cameras' poses displace common surfaces. off_m: distance by which the fitted pose moves the people
     or, without people, the room. If the fitted pose is not better than the given poses, off_m is the median distance
     between the two cameras' surfaces at the given poses. turn_rad: rotation from the given to the fitted pose, None if
-    the surfaces do not fit closely enough.
+    the fitted pose is not better or the surfaces do not fit closely enough.
     """
 
     off_m: float
@@ -76,8 +78,9 @@ def common_surfaces(
 
 
 def find_displacement(first: LevelView, second: LevelView) -> Displacement | None:
-    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine it, or most of
-    what both cameras should show is not one surface, neither by the given nor by the fitted pose.
+    """Find how far two cameras' poses displace common surfaces; None if the surfaces do not determine this distance, or
+    if, at the given pose as well as at the fitted pose, at least half of the points that both cameras should show are
+    not on a common surface.
 
     first, second: ``common_surfaces`` of the same moments. The method is point-to-plane least squares in all six
     degrees of freedom, with Huber's weights.
@@ -111,8 +114,9 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
     """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
-    All points count that both cameras should show. A point whose surface is not within ``COMPARED_M`` in the other
-    camera is infinitely far away, so the result is infinite unless at least half of the points are on one surface.
+    The median is taken over all points that both cameras should show. A point whose surface is not within
+    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless more than half of the
+    points are on one surface.
     """
     moments = range(1, len(first.seen)) if _anybody(first) or _anybody(second) else range(1)
     found = [np.empty(0)]
@@ -131,7 +135,9 @@ def _anybody(view: LevelView) -> bool:
 
 
 def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
-    """Scale the weights (n,) to the same sum for room and people, if both have some."""
+    """Return the weights (n,), scaled so that the weights of the room and the weights of the people have the same sum;
+    unchanged if either sum is 0.
+    """
     shares = [weight[which].sum() for which in (of_people, ~of_people)]
     if min(shares) <= 0.0:
         return weight
@@ -139,8 +145,8 @@ def _halved(weight: np.ndarray, of_people: np.ndarray) -> np.ndarray:
 
 
 def _support(jacobian: np.ndarray, weight: np.ndarray, place_m: np.ndarray) -> float:
-    """Return how well the data determine a shift at ``place_m``, with the rotation free. The result is the share (0 to
-    1) of the weight that resists a shift in the least determined direction.
+    """Return how well the data determine a shift at ``place_m`` if the rotation is unknown, too. The result is the
+    share (0 to 1) of the weight that resists a shift in the least determined direction.
     """
     about_place = jacobian.copy()
     about_place[:, :3] -= np.cross(place_m, jacobian[:, 3:])

@@ -26,7 +26,8 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # approximate number of points compared per depth frame
 FRAMES: Final = 6  # approximate number of frames in which two cameras are compared
-# m; lower points are left out, since the floor looks the same to a camera on the wrong side of the equipment
+# m above the floor; lower points are left out, since the floor looks the same to a camera on the wrong side of the
+# equipment
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
@@ -34,7 +35,7 @@ MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that ano
 # minimum difference between two poses of symmetric equipment, in the share of a camera's points that another camera
 # sees through. The pose with the smallest share is accepted only if all others have a share larger by at least this
 LEAST_LEAD: Final = 0.15
-LEAST_COMPARED: Final = 300  # minimum number of points for the share seen through to be computed
+LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 
 REMEDY: Final = (
     "compare equipment.json with the room, add a background.png of the empty room, "
@@ -82,11 +83,12 @@ def share_seen_through(
     floor_height_m: float,
     noise_per_m: float,
 ) -> float | None:
-    """Return the share of one camera's seen points that the other camera sees through. Points that are hidden from the
-    other camera do not count. The result is None for too few points.
+    """Return the share of points, seen by either camera, that the other camera sees through: the other camera reads a
+    surface behind the point. Points that are hidden from the other camera do not count. The result is None for too few
+    points.
 
-    The points of both cameras count. cameras: two cameras with poses; depths_m: pairs of frames (height, width), of the
-    first and the second camera at about the same moment, 0 = no reading.
+    cameras: two cameras with poses; depths_m: pairs of frames (height, width), of the first and the second camera at
+    about the same moment, 0 = no reading.
     """
     tested = through = 0
     for pair in depths_m:

@@ -12,9 +12,12 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 from anchorpose.recording.equipment import EquipmentModel, Mesh
 from anchorpose.rotations import rigid, rotation_about_y
 
-MARGIN_PX: Final = 6  # pixels, rim around the equipment that is rendered too, so that readings there are compared
-SUBPIXEL: Final = 8  # number of rays between two pixels; the outline is then precise to a sixteenth of a pixel
-JUMP_M: Final = 0.08  # m, step of depth between neighbouring pixels at which one part ends in front of another
+# pixels, width of the rim around the equipment that is rendered too, so that readings beside the equipment are compared
+MARGIN_PX: Final = 6
+# number of rays cast between two pixels to find the outline, which is then precise to a sixteenth of a pixel
+SUBPIXEL: Final = 8
+# m, minimum step of depth between neighbouring pixels that shows that one part ends in front of another
+JUMP_M: Final = 0.08
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +36,7 @@ class Rendering:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Return the window's slices in the whole image."""
+        """Return the slices of rows and columns that cut the window out of the whole image."""
         height, width = self.depth_m.shape
         return slice(self.top, self.top + height), slice(self.left, self.left + width)
 
@@ -120,7 +123,7 @@ class EquipmentCaster:
     def _share_on_equipment(
         self, here: np.ndarray, there: np.ndarray, depth_m: np.ndarray, T_camera_model: np.ndarray
     ) -> np.ndarray:
-        """Return (n,): the share of the way from ray ``here`` to ray ``there`` (n, 2) on which rays hit equipment at
+        """Return (n,): the share of the rays between ray ``here`` and ray ``there`` (n, 2) that hit the equipment at
         about ``depth_m``, the depth at ``here``.
         """
         share = (np.arange(SUBPIXEL) + 0.5) / SUBPIXEL
@@ -159,18 +162,22 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
-# minimum number of points of a part, since only a small part may distinguish front from back
+# minimum number of points of a part. Sometimes a small part alone distinguishes front from back, so small parts need
+# points, too
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
 # m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
-# pixels. But they are so near that, if the equipment is tried inside a wall, the points lie in the wall, too
+# pixels (readings between an edge and its background). But they are so near that, if the equipment is tried inside a
+# wall, the points lie in the wall, too
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
 # m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape. The standing frames of
 # two clinics differ by more than this, so they are not confused
 SAME_M: Final = 0.012
-ALIKE_M: Final = 0.10  # m; if the equipment changes by less under a rotation, the search may confuse the two directions
+# m; if the equipment coincides with itself within this distance after a rotation, the search may confuse the two
+# directions
+ALIKE_M: Final = 0.10
 TRIED_POINTS: Final = 400
 ROUND_SHARE: Final = 0.9  # minimum share of all tested rotations after which round equipment coincides with itself
 
@@ -230,7 +237,7 @@ def prepare_equipment(model: EquipmentModel) -> Equipment:
 
 
 def sample_equipment(model: EquipmentModel) -> EquipmentSamples:
-    """Sample the model; the same model always gives the same points."""
+    """Draw points on and beside the model's surface; the same model always gives the same points."""
     rng = np.random.default_rng(0)
     corners = [vertices[faces] for vertices, faces in (part.triangles() for part in model.parts)]
     areas = [_areas(part_corners).sum() for part_corners in corners]
@@ -283,8 +290,8 @@ def _outside(model: EquipmentModel, surface_m: np.ndarray, rng: np.random.Genera
 
 
 def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
-    """Test every rotation in steps of ``STEP_DEG`` about two centres: the centre of the bounding box, and the centre of
-    the surface.
+    """Test rotations of the equipment, in steps of ``STEP_DEG``, about two vertical axes: one through the centre of the
+    bounding box, one through the centre of the surface.
 
     For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
     mixes round and square tubes the sampled centre of the surface is shifted.

@@ -35,17 +35,19 @@ from anchorpose.settings import Positive, settings
 
 # Shares of the equipment or of a part refer to surface area in m2, not to pixels, so that near parts do not count more.
 LEAST_SEEN: Final = 0.2  # minimum share of the equipment that must be seen; people or the image border hide up to half
-MOST_THROUGH: Final = 0.10  # maximum share of unhidden surface seen through; above 0, since edges of bars flicker
+# maximum share of the unhidden surface that is seen through; not 0, since edge pixels of bars often read the background
+MOST_THROUGH: Final = 0.10
 MOST_THROUGH_OF_PART: Final = 0.35
 # maximum share of a part's unhidden surface that may lack readings; if more is missing, the part may be absent, and the
 # wall behind it out of range
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part to be judged
-# maximum share of the seen outline beyond which readings may continue at the same depth. If the equipment is tried
-# inside a wall, readings continue along the whole outline
+# maximum share of the seen outline's points at which readings may continue beyond the outline at the same depth. If the
+# equipment is tried inside a wall, readings continue along the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
-MOST_OFF_PX: Final = 2.0  # px, maximum distance of a seen from a predicted edge; edges often have an error of one pixel
+# px, maximum distance between a seen edge and the predicted edge; seen edges often have an error of one pixel
+MOST_OFF_PX: Final = 2.0
 MOST_SIGMA_M: Final = 0.006
 MOST_SIGMA_RAD: Final = 0.0087  # rad, maximum sigma of the equipment's direction: half a degree
 LEAST_COSINE: Final = 0.25  # minimum cosine of the angle of incidence; no camera reads surfaces well at flatter angles
@@ -107,8 +109,9 @@ class PartEvidence:
 
 def gather_evidence(view: StillView, equipment: Equipment, fit: Refined, tolerance_m: float) -> PartEvidence:
     """Compare the equipment as predicted at a pose with the frames, frame by frame. Surface beyond the camera's range
-    counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show it: edge
-    pixels of a bar often read the background. All areas are 0 if the equipment is outside the depth image.
+    counts as hidden. Pixels that see through the equipment are left out if they lie beside pixels that show the
+    equipment, because edge pixels of a bar often read the background. All areas are 0 if the equipment is outside the
+    depth image.
     """
     prediction, parts = predict(view.camera, equipment, fit.T_camera_model), equipment.caster.part_count
     if prediction is None:
@@ -153,10 +156,9 @@ def _nothing_in_image(parts: int) -> PartEvidence:
 
 
 def _outline_shares(view: StillView, prediction: Prediction, bias_px: float, tolerance_m: float) -> tuple[float, float]:
-    """Return two shares of the outline's unhidden points. The first is the share, among points at which the part is
-    seen, of points where the surface continues beyond the outline. This happens if the part lies inside a wall or the
-    floor, or if a person leans on it. The second is the share, among all points, of points where the surface ends as
-    predicted.
+    """Return two shares of the outline's unhidden points. First, among the points at which the part is seen: the share
+    at which the surface continues beyond the outline. This happens if the part lies inside a wall or the floor, or if a
+    person leans on the part. Second, among all unhidden points: the share at which the surface ends as predicted.
     """
     edges = observed_edges(view, prediction, Gate(tolerance_m, FINE.reach_px))
     off = np.abs(edges.beyond_px - prediction.outline.beyond_px - bias_px)
@@ -193,7 +195,8 @@ def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose |
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
-LEAST_LEAD: Final = 0.9  # minimum score of an accepted pose, as a share of the best score of any pose, accepted or not
+# minimum ratio of the best accepted pose's score to the best score of all poses, accepted or rejected
+LEAST_LEAD: Final = 0.9
 RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
 # m; if the model's lowest point is farther than this from its plane Y = 0, both heights are tried as the floor's height
@@ -202,7 +205,7 @@ TWO_HEIGHTS_M: Final = 0.03
 
 @settings
 class EquipmentPoseConfig:
-    """Settings of how closely readings must lie on the equipment's surface."""
+    """Settings for checking a pose: how closely readings must lie on the equipment's surface."""
 
     tolerance_m: Positive = 0.015  # m, maximum distance of a reading from the surface, as in the refinement's last step
 
@@ -212,7 +215,7 @@ class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
 
-    Both sigmas include the systematic error of a camera, since it does not become smaller with more pixels.
+    Both sigmas include the systematic error of a camera, since this error does not become smaller with more pixels.
     """
 
     fit: Refined
@@ -226,12 +229,14 @@ class EquipmentPose:
 
     @property
     def sigma_rad(self) -> float:
-        """Return the standard deviation of the angle, in its worst direction."""
+        """Return the standard deviation of the equipment's rotation, about the axis about which it is largest."""
         return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[:3, :3])[-1]), STEADY_RAD))
 
     @property
     def sigma_m(self) -> float:
-        """Return the standard deviation of the position of the equipment's centre, in its worst direction."""
+        """Return the standard deviation of the position of the equipment's centre, in the direction in which it is
+        largest.
+        """
         return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.fit.covariance[3:, 3:])[-1]), STEADY_ERROR_M))
 
 
@@ -250,8 +255,8 @@ def find_equipment(
 ) -> EquipmentPose | NoEquipmentPose:
     """Search, refine and check the pose; for symmetric equipment, the result may be any of the equivalent poses.
 
-    The floor determines the vertical and the height: the model's lowest point or its Y = 0 is assumed to lie on the
-    floor.
+    The floor determines the vertical and the height: the model's lowest point or the plane Y = 0 of its frame is
+    assumed to lie on the floor.
     """
     if equipment.symmetry.round:
         return NoEquipmentPose(NoPose.ROUND)

@@ -19,15 +19,15 @@ from anchorpose.rotations import rigid
 # reads the bar in six of ten frames
 MOSTLY: Final = 0.4
 STEADY_ERROR_M: Final = 0.0015  # m, systematic error of a depth camera, the same in all its frames
-# px, standard deviation of the place of one outline point, due to edge pixels that read the background
+# px, standard deviation of the position of one outline point, due to edge pixels that read the background
 OUTLINE_SIGMA_PX: Final = 0.6
-# number of least-squares rows of surface readings that count as one observation, since neighbours share the camera's
-# error
+# number of least-squares rows of surface readings that together count as one observation, since neighbouring readings
+# share the camera's error
 SURFACE_ROWS_PER_OBSERVATION: Final = 40.0
-# number of least-squares rows of outline points that count as one observation, since neighbours share the error of
-# their part
+# number of least-squares rows of outline points that together count as one observation, since neighbouring points share
+# the error of their part
 OUTLINE_ROWS_PER_OBSERVATION: Final = 6.0
-ROBUST: Final = 2.5  # sigmas beyond which residuals lose weight
+ROBUST: Final = 2.5  # sigmas, scale of the robust weights, which decrease with the size of a residual
 # minimum cosine of the angle of incidence; at flatter angles, a small shift changes the depth much
 LEAST_COSINE: Final = 0.15
 
@@ -43,7 +43,7 @@ class Gate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StillView:
-    """The evidence from one camera.
+    """The evidence about the equipment's pose from one camera, while the equipment stands still.
 
     frames_m (n, height, width) float32, 0 = no reading: the depth frames; if a frame of the empty room is given, only
     this frame.
@@ -56,12 +56,16 @@ class StillView:
 
     @cached_property
     def still_m(self) -> np.ndarray:
-        """Return the still surface (height, width) float32 in the frames, 0 = unknown."""
+        """Return the depth (height, width) float32 of the surface that stays in the frames (``what_stays``), 0 =
+        unknown.
+        """
         return what_stays(self.frames_m, self.noise_per_m)
 
     @property
     def range_m(self) -> float:
-        """Return the largest depth read, in metres. Missing readings beyond it do not show that equipment is absent."""
+        """Return the largest depth read, in metres. Missing readings beyond this depth do not show that equipment is
+        absent.
+        """
         return float(self.frames_m.max())
 
 
@@ -93,9 +97,10 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of the least squares. jacobian (n, 7): derivative by turn, shift and edge bias (see ``refine``); residual
-    (n,) in sigmas; part (n,): part of the equipment; together: number of rows that count as one observation; reach:
-    limit beyond which residuals have no weight, inf for no limit.
+    """Rows of the least-squares system, one row per residual. jacobian (n, 7): derivative by turn, shift and edge bias
+    (see ``refine``); residual (n,) in sigmas; part (n,): index of the equipment's part, -1 for none; together: number
+    of rows that count as one observation; reach: limit (in sigmas) beyond which residuals have no weight, inf for no
+    limit.
     """
 
     jacobian: np.ndarray
@@ -119,7 +124,10 @@ class ObservedEdges:
 
 
 def surface_rows(view: StillView, prediction: Prediction, tolerance_m: float) -> Rows:
-    """Return point-to-plane rows, one per pixel inside a part whose readings lie on the part in most frames."""
+    """Return point-to-plane rows of the least-squares system, one row per used pixel inside a part. A pixel is used if
+    it reads the part in more frames than a surface behind the part, and if the angle of incidence is not too flat
+    (``LEAST_COSINE``).
+    """
     rendering = prediction.rendering
     frames, expected = view.frames_m[:, *rendering.window], rendering.depth_m
     row, column = np.nonzero(_inside(expected))
@@ -248,8 +256,8 @@ class FloorPrior:
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """The refined pose T_camera_model (4, 4); covariance (6, 6) of (turn rad, shift m) about the equipment's centre, in
-    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: how much too thick
-    bars look on each side, in pixels.
+    the camera's axes; rms: root mean square of surface (m) and outline (px) residuals; edge_bias_px: distance, in
+    pixels, by which bars look too thick on each side.
     """
 
     T_camera_model: np.ndarray
@@ -260,7 +268,9 @@ class Refined:
 
 
 def standing_prior(floor_m: float) -> FloorPrior:
-    """Return the prior without evidence: the equipment stands upright on a floor at height ``floor_m`` of its frame."""
+    """Return the floor prior that needs no depth frames: the equipment stands upright on a floor at height ``floor_m``
+    of its own frame.
+    """
     return FloorPrior(np.array([0.0, 1.0, 0.0]), floor_m, STANDING_SIGMA_M, STANDING_SIGMA_RAD)
 
 
@@ -329,8 +339,8 @@ def _shift_alone(groups: list[Rows], part: int) -> float:
 def _floor_rows(
     view: StillView, T: np.ndarray, centre_model: np.ndarray, centre: np.ndarray, prior: FloorPrior
 ) -> Rows:
-    """Return rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's centre in its
-    own frame and in the camera frame.
+    """Return least-squares rows that compare the seen floor with the prior; centre_model, centre (3,): the equipment's
+    centre in its own frame and in the camera frame.
     """
     up = T[:3, :3] @ prior.up
     foot = centre - (centre_model @ prior.up - prior.height_m) * up  # the point of the prior's floor below the centre

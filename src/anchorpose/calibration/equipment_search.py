@@ -16,17 +16,21 @@ from anchorpose.lens import lens_array, pixel_of_ray
 from anchorpose.rotations import rigid, rotation_about_y
 
 UNKNOWN, OCCUPIED, FREE, BROAD = 0, 1, 2, 3  # states of a map cell; BROAD: only broad flat surfaces fill the cell
-LEAST_Z_M: Final = 0.3  # m; no depth camera measures nearer than this
-RADIUS_M: Final = 0.5  # m from the equipment's centre, where steps of rotation and of shift move points equally far
+# m, minimum depth of cells and points that are compared; no depth camera measures nearer than this
+LEAST_Z_M: Final = 0.3
+# m; at this distance from the equipment's centre, a step of rotation moves a point as far as a step of shift
+RADIUS_M: Final = 0.5
 CELL_M: Final = 0.04  # m, side of a cell of the first, coarse map; as wide as a bar
 YAW_STEP_RAD: Final = 0.0873  # rad (5 degrees), step between tried yaws; it moves a bar 0.5 m from the centre by a cell
 ABOVE_FLOOR_M: Final = 0.06  # m above the floor; lower cells of the map are left out, since the floor fills them
-FARTHEST_M: Final = 7.0  # m; no depth camera sees a bar from farther away
-THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest steps
+# m, maximum extent of the coarse map away from the camera; no depth camera sees a bar from farther away
+FARTHEST_M: Final = 7.0
+THINNING: Final = 3  # every third point of the equipment is used, except in the last and finest step of the refinement
 STARTS: Final = 400  # number of places of the coarse map that are refined
 KEPT: Final = 16  # number of distinct places in the result
 DISTINCT_M, DISTINCT_RAD = 0.10, 0.14  # m and rad (8 degrees); poses that differ by less than both are the same pose
-# m, maximum distance of points that count as on the surface, one value per step from coarse to fine
+# m, maximum difference between a point's depth and the reading at its pixel for the point to count as seen, in addition
+# to the noise; one value per step from coarse to fine
 TOLERANCES_M: Final = (0.05, 0.03, 0.02)
 THROUGH_WEIGHT: Final = 2.0  # weight of a point that is seen through, relative to a point on the surface
 # m; a surface that continues flat this far to all four sides is part of a wall, a panel or a table
@@ -36,8 +40,9 @@ BROAD_WEIGHT: Final = 0.25
 
 
 class SearchImage(NamedTuple):
-    """The searched image: depth_m (height, width) float32 of still surfaces, 0 = no reading; weight (height, width)
-    float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4, 4); noise_per_m.
+    """The image in which the equipment is searched: depth_m (height, width) float32 of still surfaces, 0 = no reading;
+    weight (height, width) float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4,
+    4): see ``ground_frame``; noise_per_m: factor of the sensor's noise.
     """
 
     depth_m: np.ndarray
@@ -68,8 +73,8 @@ def _transform(T: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 
 @nb.njit(cache=True)
 def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) -> np.ndarray:
-    """Map the space above the floor: (y, x, z) int8, the state of each cell by the pixels around its projection into
-    the depth image.
+    """Return a map of the space above the floor, (y, x, z) int8. The state of each cell follows from the pixels around
+    the cell's projection into the depth image.
 
     counts: numbers of cells along y, x, z; x starts at -wide_m.
     """
@@ -136,7 +141,7 @@ def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.nd
 @nb.njit(cache=True)
 def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> np.ndarray:
     """Improve the places (n, 4) (yaw, x, y, z), in place, by steps along yaw, x and z. The steps are first half of the
-    tolerance, then a quarter; return their scores (n,).
+    tolerance, then a quarter of it. Return the scores (n,) of the improved places.
     """
     scores = np.empty(len(places))
     trial = np.empty(4)
@@ -164,7 +169,9 @@ def climb(places: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 
 @nb.njit(cache=True)
 def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, tolerance_m: float) -> float:
-    """Return how well equipment at ``place`` (yaw, x, y, z) agrees with the image, per point that faces the camera."""
+    """Return a score of how well equipment at ``place`` (yaw, x, y, z) agrees with the image, divided by the number of
+    surface points that face the camera.
+    """
     surface, outside, T = points.surface, points.outside, image.T_camera_ground
     cos, sin = np.cos(place[0]), np.sin(place[0])
     total, facing = 0.0, 0
@@ -243,7 +250,8 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
     for down, right in ((0, 1), (1, 0)):
         one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z  # along a plane, 1/z is linear, not z
+            # in the image of a plane, 1/z changes linearly with the pixel, while z does not
+            between = (one * other / (one + other)).astype(np.float64) * 2.0 - z
         flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)
     weight[row[flat], column[flat]] = BROAD_WEIGHT
@@ -262,7 +270,7 @@ def search_floor(view: StillView, samples: EquipmentSamples, lowest_m: float) ->
     starts = _coarse(image, view.camera, samples, lowest_m)
     if not len(starts):
         return []
-    starts[:, 2] += samples.centre_m[1]  # now the height of the equipment's centre above the floor
+    starts[:, 2] += samples.centre_m[1]  # this column is now the height of the equipment's centre above the floor
     surface, outside = samples.surface_m - samples.centre_m, samples.outside_m - samples.centre_m
     for tolerance in TOLERANCES_M:
         last = tolerance == TOLERANCES_M[-1]
@@ -281,7 +289,9 @@ def _search_image(view: StillView) -> SearchImage:
 
 
 def ground_frame(floor: FloorPlane) -> np.ndarray:
-    """Return T_camera_ground (4, 4): Y along the floor's up, Z level and away from the camera, origin below it."""
+    """Return T_camera_ground (4, 4): Y along the floor's upward normal, Z level in the camera's viewing direction,
+    origin on the floor below the camera.
+    """
     away = np.array([0.0, 0.0, 1.0])
     away = away - (away @ floor.up) * floor.up
     away /= np.linalg.norm(away)
@@ -289,13 +299,17 @@ def ground_frame(floor: FloorPlane) -> np.ndarray:
 
 
 def _placed(T_camera_ground: np.ndarray, place: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Return T_camera_model for (yaw, x, y, z): direction, and position of the centre in the ground frame."""
+    """Return T_camera_model for ``place`` (yaw, x, y, z): direction, and position of the equipment's centre in the
+    ground frame.
+    """
     turn = rotation_about_y(place[0])
     return np.asarray(T_camera_ground @ rigid(turn, place[1:] - turn @ centre_m))
 
 
 def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
-    """Return the indices of the best places, none within ``DISTINCT_M`` and ``DISTINCT_RAD`` of a better one."""
+    """Return the indices of the best places, at most ``most``, without any place within ``DISTINCT_M`` and
+    ``DISTINCT_RAD`` of a better place.
+    """
     kept: list[int] = []
     for index in np.argsort(-scores, kind="stable"):
         turn = np.abs((places[kept, 0] - places[index, 0] + np.pi) % (2 * np.pi) - np.pi)
@@ -320,8 +334,8 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
     wide = farthest * max(camera.width / 2 / camera.intrinsics.fx, 0.3) + samples.radius_m
     counts = (int(heights.max() / CELL_M) + 2, int(2 * wide / CELL_M) + 1, int(farthest / CELL_M) + 1)
     space = fill_space(image, counts, wide)
-    # at a bar's ends, neighbouring directions differ by a cell, so a correctly placed bar may lie in a neighbouring
-    # cell
+    # from one tried direction to the next, a bar's ends move by a cell, so a correctly placed bar may lie in a free
+    # cell beside the bar's readings; such cells count as unknown
     beside = binary_dilation(space == OCCUPIED, np.ones((1, 3, 3), bool)) & (space == FREE)
     space[beside] = UNKNOWN
     value = np.array([0, 1, -THROUGH_WEIGHT, BROAD_WEIGHT], np.float32)[space]
@@ -342,7 +356,7 @@ def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowes
 
 
 def _first_of_neighbours(places: np.ndarray) -> np.ndarray:
-    """Return the index of the first place, the best, in each group of neighbouring places; at most ``STARTS``."""
+    """Return the index of the first (best) place of each group of neighbouring places; at most ``STARTS`` indices."""
     size = np.array([DISTINCT_RAD, DISTINCT_M, 1e9, DISTINCT_M])
     groups = np.floor(places / size + 0.25).astype(np.int64)
     _, first = np.unique(groups, axis=0, return_index=True)

@@ -45,9 +45,11 @@ LEAST_TURN_RAD: Final = 0.0105  # rad (0.6 degrees), minimum turn that counts as
 # if the camera reads something behind more than this share of the equipment that nothing hides, the equipment is not in
 # the assumed place, and is searched for on the whole floor
 DOUBT_SHARE: Final = 0.2
-GONE_SHARE: Final = 0.4  # if more than this share of the unhidden equipment is seen through, it is gone
-# m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from its place by a given pose.
-# A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of 2.5 m.
+# if more than this share of the unhidden equipment is seen through, the equipment counts as gone
+GONE_SHARE: Final = 0.4
+# m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from the place where it should
+# be according to a given pose. A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of
+# 2.5 m.
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
 # minimum number of pixels that show the equipment or see through it; with fewer, frames are no evidence
 LEAST_PIXELS: Final = 100
@@ -94,7 +96,9 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return the place where the equipment is seen, if the camera's given pose puts it elsewhere; else None."""
+    """Return the difference between the place where the camera sees the equipment and its place according to the
+    camera's given pose, as a movement; None if the frames do not contradict the given pose.
+    """
     frames, _ = inputs.frames_of(index)
     if not frames:
         return None
@@ -286,9 +290,10 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """Refine the pose again with all cameras' common floor, on the frame of the empty room and all frames that show the
-    equipment in this place. If the refined pose is not accepted, refine it on fewer of these frames. If no refined pose
-    is accepted, return the earlier pose.
+    """Refine the pose again with all cameras' common floor, on all frames that show the equipment in this place
+    and, if the equipment was found in it, the frame of the empty room. If the refined pose is not accepted, try again
+    on the frame of the empty room alone, then with the wider ``standing_prior`` on the frames in which the equipment
+    was found. If no refined pose is accepted, return the earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

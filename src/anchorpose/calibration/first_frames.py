@@ -76,14 +76,17 @@ def what_stays(frames_m: np.ndarray, noise_per_m: float) -> np.ndarray:
     return np.where(count >= STAYS_SHARE * len(frames_m), total, 0.0).astype(np.float32)
 
 
-NEARER_M: Final = 0.15  # m, minimum distance of people in front of the room; a body is thicker
+# m; readings nearer than the room by more than this are on people or objects in front of it; a body is thicker than
+# this
+NEARER_M: Final = 0.15
 # limits for an image from which the room was removed: ALONE_SHARE is the maximum share of its pixels with readings,
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 # minimum share of the readings that show people in an image from which the room was removed, median over frames. In 139
-# such recordings it is 1.0; with the room, 0.2 in images that end at 3 m, and 0.65 if five people fill the image
+# such recordings the share is 1.0. In images with the room, it is 0.2 if the camera's range ends at 3 m, and 0.65 if
+# five people fill the image
 ALONE_PEOPLE: Final = 0.6
-FRAMES_NEEDED: Final = 8  # minimum number of frames; with fewer, a percentile over time has no meaning
+FRAMES_NEEDED: Final = 8  # minimum number of frames for a percentile of a pixel's readings over time to be meaningful
 USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
 
 
@@ -143,20 +146,26 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 # minimum number of readings in a depth image; the smallest image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-FLATNESS_M: Final = 0.003  # m, unevenness of a hard floor, added to the noise, or near pixels would dominate the fit
+# m, unevenness of a hard floor. It is added to the noise; otherwise near pixels, which have little noise, would
+# dominate the fit
+FLATNESS_M: Final = 0.003
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm
 TOLERANCES_M: Final = (0.02, 0.08)
 NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each tolerance
-# rad (50 degrees), maximum angle between the verticals of camera and floor; cameras look down, but hardly roll
+# rad (50 degrees), maximum angle between the camera's upward direction and the floor's normal; cameras look down, but
+# hardly roll
 WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
 # people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of the
 # plane: these points are shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
-MOST_BELOW: Final = 0.1  # maximum ratio of points below to points on the floor; mirrors and flying pixels cause a few
-# maximum share of the moving points that may be below the floor; below a table top, it is a third (a person's legs)
+# maximum ratio of the number of points below the floor to the number of points on it; mirrors and flying pixels cause a
+# few points below the floor
+MOST_BELOW: Final = 0.1
+# maximum share of the moving points that may be below the floor; if a table top is taken for the floor, a third of the
+# points (a person's legs) is below it
 MOST_SUNK: Final = 0.05
 # m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
 # tilted plane
@@ -270,10 +279,10 @@ def find_floor(
 
     depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
-    upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the strict tolerance.
-    Then the plane is fitted by weighted least squares to the inliers. The maximum distance of an inlier shrinks to
-    three standard deviations of the inliers' distances. Otherwise the foot of a wall, which is among the first inliers,
-    would tilt the plane.
+    upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the smaller tolerance of
+    ``TOLERANCES_M`` and, if no plane is found, with the larger tolerance. Then the plane is fitted by weighted least
+    squares to the inliers. The maximum distance of an inlier shrinks to three standard deviations of the inliers'
+    distances. Otherwise the foot of a wall, which is among the first inliers, would tilt the plane.
     """
     points = camera.back_project(depth_m).reshape(-1, 3).astype(np.float64)
     points = points[np.isfinite(points[:, 2])]
@@ -297,11 +306,11 @@ def _vote(
     rng: np.random.Generator,
     up: np.ndarray,
 ) -> np.ndarray | None:
-    """Return the plane (4,) (up, height) with the most points on it after subtraction of the points below it; None
-    if no plane is a floor.
+    """Return the plane (4,) (up, height) for which the number of points on it, minus the number of points below it, is
+    largest; None if no plane is a floor.
 
-    Depth noise a z^2 along a ray that meets the floor at a grazing angle becomes a z h perpendicular to the floor,
-    where h is the height of the camera.
+    Depth noise of a z^2 along a ray displaces a point on the floor by only a z h perpendicular to the floor, where h is
+    the height of the camera, since the ray meets the floor at a grazing angle.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)

@@ -165,8 +165,8 @@ DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white p
 WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-# four sigmas: minimum lead in chi2 over the second, mirrored pose of a flat layout, and maximum chi2 between the depth
-# readings on a marker and the distance that the corners give
+# squared sigmas (four sigmas), for two limits: minimum difference in chi2 between the best and the second, mirrored
+# pose of a flat layout; maximum chi2 between the depth readings on a marker and the distance that the corners give
 CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
@@ -175,8 +175,8 @@ WORST_SIGMA_RAD: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPose:
-    """The pose by markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners; sigma_m: sigma of
-    the position, per axis; sigma_rad: sigma of the direction.
+    """The camera's pose, found from markers: T_world_camera (4, 4); rms_px: root mean square residual of the corners;
+    sigma_m: sigma of the position, per axis; sigma_rad: sigma of the direction.
 
     corners: number of corners used; markers: ids of the tags to which they belong, 0 for a board; left_out: ids of tags
     that do not fit the other tags.
@@ -330,8 +330,9 @@ def _depth_off_m(points_m: np.ndarray, seen: SeenMarkers) -> dict[int, np.ndarra
 
 
 def _depth_contradicts(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> bool:
-    """Return whether depth readings contradict the distance of a marker that the corners alone give, near a pose. A
-    print at another scale causes this: its corners fit a nearer or farther camera just as well.
+    """Return whether, near a pose, the depth readings on a marker contradict the marker's distance that the corners
+    alone give. A print at another scale causes such a contradiction: its corners fit a nearer or farther camera just as
+    well.
     """
     corners = replace(seen, rays=seen.rays[:0], depth_m=seen.depth_m[:0], plane=seen.plane[:0])
     _, alone = _refined(T_camera_world, corners, camera)
@@ -340,14 +341,15 @@ def _depth_contradicts(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Ca
     for marker, off_m in _depth_off_m(points, seen).items():
         x, y, _ = points[seen.marker == marker].mean(axis=0)
         by_pose = np.array([y, -x, 0.0, 0.0, 0.0, 1.0])  # derivative of the marker's depth by a step of ``_moved``
-        variance = DEPTH_SIGMA_M**2 + by_pose @ covariance @ by_pose  # readings on one marker share an error
+        # the readings' variance is not divided by their number, since readings on one marker share an error
+        variance = DEPTH_SIGMA_M**2 + by_pose @ covariance @ by_pose
         if np.median(off_m) ** 2 > CONTRADICTION_CHI2 * variance:
             return True
     return False
 
 
 def _information(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return the information matrix (6, 6) of a step of ``_moved``."""
+    """Return the information matrix (6, 6), the inverse of the covariance, of a small step of the pose (``_moved``)."""
     jacobian = least_squares(lambda x: _rows(_moved(T_camera_world, x), seen, camera), np.zeros(6), max_nfev=1).jac
     return np.asarray(jacobian.T @ jacobian)
 
@@ -367,7 +369,7 @@ def _judged(
         return NoMarkers.AMBIGUOUS
     off = camera.project(transform_points(T_camera_world, seen.world_m)) - seen.pixel
     rms = float(np.sqrt(np.mean((off**2).sum(axis=1))))
-    if not rms <= WORST_RMS_PX:  # NaN: a corner beyond the lens's valid radius
+    if not rms <= WORST_RMS_PX:  # rms is NaN if a corner lies beyond the lens's valid radius
         return NoMarkers.INCONSISTENT
     information = _information(T_camera_world, seen, camera)
     if np.linalg.cond(information) > 1e14:

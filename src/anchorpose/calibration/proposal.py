@@ -28,7 +28,9 @@ SNAP_RAD: Final = np.radians(10.0)
 # more, the free axes are kept
 SNAP_WORSE: Final = 1.15
 EXPLAINED_M: Final = 0.015  # m from a part's surface; readings within this distance count as readings of the part
-WELL_M: Final = 0.006  # m; axes are not fitted for a part whose readings spread about its surface by less
+# m; a part whose axes lie along the common directions keeps these axes if its readings spread about its surface by less
+# than this
+WELL_M: Final = 0.006
 # m, maximum spread of a part's readings about its surface; a part with a larger spread is neither a bar nor a plate
 WORST_RESIDUAL_M: Final = 0.012
 # maximum share of the rays through a part's core that may end beyond the part; wrong parts have a larger share
@@ -53,7 +55,9 @@ class ProposedPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquipmentProposal:
-    """Proposed parts, by name. explained_share: share of readings on free-standing objects within 15 mm of a part."""
+    """The proposed parts, sorted by kind. explained_share: share of the readings on free-standing objects that lie
+    within 15 mm of a part's surface.
+    """
 
     parts: tuple[ProposedPart, ...]
     explained_share: float
@@ -130,8 +134,8 @@ def propose_equipment(
     """Propose boxes and tubes that fit the objects in the cylinder ``region`` of the empty room.
 
     cameras: with poses; rooms_m: one (height, width) float32 depth image of the empty room per camera. A side of a bar
-    that no camera sees is placed so that the bar is square. The length from this side to the opposite side is then
-    named in ``guessed``.
+    that no camera sees is placed so that the bar is square. The name of the length from this side to the opposite side
+    is then listed in ``guessed``.
     """
     readings = gather_readings(cameras, rooms_m, floor_height_m, region)
     if readings.stands.sum() < LEAST_PIXELS:
@@ -200,8 +204,9 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """Return the rotation with axes along the common directions that is nearest to the given rotation; the given
-    rotation if none is within ``SNAP_RAD``.
+    """Return a rotation with axes along the common directions: its last axis is the common direction nearest to the
+    last axis of the given rotation, apart from the sign. If these two axes differ by more than ``SNAP_RAD``, return the
+    given rotation.
     """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)

@@ -21,12 +21,12 @@ ALONG_M: Final = 0.01
 DENSE: Final = 3
 # m above the floor; if the unseen lower side of a level bar is below this height, the bar lies on the floor
 LIES_M: Final = 0.06
-# m above the floor; an upright bar that ends below this height stands on the floor, or in a runner
+# m above the floor; an upright bar that ends below this height stands on the floor, or in a runner (a bar on the floor)
 TO_FLOOR_M: Final = 0.12
 
 
 def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
-    """Extend a bar as far as readings continue in its cross-section.
+    """Extend a bar at both ends as far as readings continue within its cross-section.
 
     free (n,) bool: readings that do not belong to another part. A bar is extended across readings of other parts, too,
     so that a runner continues behind the post on it. But a bar never ends in such readings.
@@ -42,8 +42,8 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step must
-    have enough readings that belong to no other part (``free``).
+    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step of the
+    extension must have enough readings that belong to no other part (``free``).
     """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0

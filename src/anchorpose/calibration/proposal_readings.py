@@ -17,11 +17,14 @@ from anchorpose.calibration.first_frames import TOLERANCES_M, noise_per_m
 from anchorpose.camera import Camera, transform_points
 from anchorpose.settings import Positive, settings
 
-FLOOR_SIGMAS: Final = 4.0  # sigmas of the noise in the height of floor readings; higher readings are above the floor
+# sigmas of the noise in the height of floor readings; a reading counts as above the floor if it is higher than the
+# floor by more than this plus a tolerance
+FLOOR_SIGMAS: Final = 4.0
 # maximum depth step between pixels of one object: JUMP_M (m), for sides of bars that are seen at an angle, plus
 # JUMP_SIGMAS sigmas of the noise
 JUMP_M, JUMP_SIGMAS = 0.03, 4.0
-SUPPORT: Final = 4  # minimum number of neighbours, out of eight, at a pixel's depth; flying pixels have fewer
+# minimum number of a pixel's eight neighbours that have about the pixel's depth; flying pixels have fewer
+SUPPORT: Final = 4
 # minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
 FREE_SHARE: Final = 0.5
 # pixels, width of the rim around free-standing objects. Readings in the rim are kept, since their rays pass beside the
@@ -99,7 +102,9 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    lift = abs(camera.position_m[1] - floor_height_m)  # noise a z^2 along a ray is a z h in height, for a floor h below
+    # noise of a z^2 along a ray changes the height of a floor point by a z h, where h is the camera's height above the
+    # floor
+    lift = abs(camera.position_m[1] - floor_height_m)
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
     supported = _support(room_m, standing, limit) >= SUPPORT
@@ -164,12 +169,13 @@ MOST_BESIDE: Final = 0.5
 LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are handles, screws and corners
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
-SEEDS: Final = 120  # number of places, drawn at random for each bar, from which a bar is searched
-# m; points this near to a seed give its bar's first direction: a ball twice as wide as a thick bar
+SEEDS: Final = 120  # number of places, drawn at random, at which each bar or plate is searched
+# m, radius of a ball around a seed (a place drawn at random); the points in the ball give a bar's first direction. The
+# ball is twice as wide as a thick bar
 NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer pixels give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings on a plate can fill, but readings on a bar cannot
-PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells with readings for it to count as filled
+PLATE_FILLED: Final = 0.85  # minimum share of the disc's cells that must have readings for the disc to count as filled
 PLATE_FLATNESS_M: Final = 0.02  # m, maximum deviation of readings from a plate's plane, due to noise and upholstery
 PLATE_EDGE_M: Final = 0.05  # m, thickness of a seat's edge, which is not a separate bar
 CELL_M: Final = 0.02  # m, side of a cell of the disc; three pixels at 2.4 m
@@ -299,8 +305,8 @@ def _main_direction(points: np.ndarray) -> np.ndarray:
 
 
 def _axes_of_bar(axis: np.ndarray) -> np.ndarray:
-    """Return axes (3, 3) of a bar whose cross-section has a vertical axis, if possible, so that its sides are upright
-    and level.
+    """Return the axes (3, 3) of a bar in the direction ``axis``. Unless the bar is upright, the first axis across the
+    bar is level, so that a level bar has upright and level sides.
     """
     upward = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     side = np.cross(upward, axis)

@@ -30,7 +30,8 @@ PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge
 # sine of 24 degrees; a part's extent along an axis counts as unseen if the angle from axis to line of sight is smaller.
 # At this angle, a 5 cm bar shows three pixels of its side
 ASLANT: Final = 0.4
-ASSUMED: Final = 20.0  # weight of the assumption that a bar is square, or a plate thin, if no camera sees a side
+# factor on the residual of the assumption that a bar is square, or a plate thin, if no camera sees a side
+ASSUMED: Final = 20.0
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if no camera sees the end
 # maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. It is above 1, since
@@ -155,8 +156,8 @@ def _evidence(fit: Fit, readings: Readings, own: np.ndarray) -> _Evidence:
 
 
 def _blind(fit: Fit, origins_m: np.ndarray) -> np.ndarray:
-    """Return (3,) bool: axes along which all cameras that see the part look. The part's extent along these axes is not
-    seen, since its outline shows only the extent along the other axes.
+    """Return (3,) bool: axes that lie nearly along the lines of sight of all cameras that see the part. The part's
+    extent along these axes is not seen, since its outline shows only the extent along the other axes.
     """
     view = (np.unique(origins_m, axis=0) - fit.center_m) @ fit.rotation
     blind = np.zeros(3, dtype=bool)
@@ -179,7 +180,7 @@ def _along_rays(readings: Readings, rows: np.ndarray, near: np.ndarray, thick_m:
 
 
 def _nearest_distance(places_m: np.ndarray, fit: Fit) -> np.ndarray:
-    """Return the least signed distance (n,) of the places (n, k, 3) of each ray."""
+    """Return, for each ray, the least signed distance (n,) of its places (n, k, 3) from the part's surface."""
     distance = _local_distance(places_m.reshape(-1, 3), fit).reshape(places_m.shape[:2])
     return np.asarray(distance.min(axis=1, initial=1.0))
 

@@ -24,14 +24,18 @@ from anchorpose.isolation.depth_noise import LIMB_M, measure_detail
 from anchorpose.isolation.room_planes import find_planes
 from anchorpose.isolation.view import View
 
-NOISY_PER_M: Final = 2 * 1.425e-3  # 1/m, maximum noise sigma / depth^2; twice a Kinect v1's (Khoshelham, Elberink 2012)
+# 1/m, maximum ratio of the noise's sigma to the squared depth; twice the ratio of a Kinect v1 (Khoshelham, Elberink
+# 2012)
+NOISY_PER_M: Final = 2 * 1.425e-3
 # limits (yellow, red) of the share of pixels without a reading; in rooms, windows and far walls cause 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
 # maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. Undisturbed frames
 # deviate by up to 10 %.
 BURST: Final = 1.3
-GONE: Final = 0.05  # a frame is disturbed if its share of unread pixels exceeds the median by this; passers-by add less
+# minimum difference between a disturbed frame's share of pixels without a reading and the median share of all frames;
+# passers-by cause a smaller difference
+GONE: Final = 0.05
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
 # limits (yellow, red) of the share of pixels that gain or lose a reading between two frames; usual: 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
@@ -148,7 +152,8 @@ def _hole_share(view: View) -> float:
     return float(np.mean(view.depth_m[filled] <= 0)) if filled.any() else float("nan")
 
 
-# field of view in degrees; depth cameras have 43 (a cropped RealSense) to 120 (Azure Kinect, wide)
+# degrees, smallest and largest plausible field of view; depth cameras have 43 (a cropped RealSense) to 120 (Azure
+# Kinect, wide)
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
 # limits (yellow, red) of the principal point's distance from the image's middle, as a share of the image's size; real
 # lenses have up to 0.03
@@ -159,7 +164,8 @@ BENT_M, STRONGLY_BENT_M = 0.03, 0.08
 ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the floor plane; higher readings are objects
 RINGS: Final = 6  # number of rings about the optical axis into which readings of the floor are divided
 LEAST_READINGS: Final = 300  # minimum number of readings in a ring for computing its median
-LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0  # degrees (yellow, red), a wall's deviation from a right angle with the floor
+# degrees, limits (yellow, red) of a wall's deviation from a right angle with the floor
+LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0
 UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
 # minimum cosine between a wall's normal and the viewing direction, since walls seen more from the side look upright
 # even if lens parameters are wrong
@@ -167,7 +173,9 @@ FACING: Final = 0.5
 # maximum cosine between a wall's normal and the viewing direction (an angle of 5 degrees), since the end of the
 # sensor's range also looks like a wall, at an angle below 2 degrees
 PARALLEL: Final = 0.996
-SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2  # m, a person's height; adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
+# m, limits of a person's height: below the first limit, the finding is yellow; below the second or above the third, it
+# is red. Adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
+SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
 NEAREST_ROOM_M, FARTHEST_ROOM_M = 0.4, 10.0  # m, range in which depth cameras measure
@@ -237,8 +245,8 @@ def _bend_m(room_m: np.ndarray, camera: Camera, floor: FloorPlane) -> float:
 
 
 def _lean_deg(room: BackgroundModel, camera: Camera, floor: FloorPlane) -> float:
-    """Return the deviation (degrees) from a right angle with the floor, of the most upright wall that faces the camera;
-    NaN without such a wall.
+    """Return by how many degrees the angle between floor and wall differs from a right angle, for the most upright wall
+    that faces the camera; NaN without such a wall.
 
     A wrong focal length shears the room if the camera looks down; furniture may lean, so one upright wall is enough.
     Walls parallel to the image are left out: they stay parallel with any focal length, and the end of the sensor's
@@ -264,7 +272,8 @@ def _size(material: Material) -> Finding:
         return Finding("depth unit", Level.GREEN, measured)
     tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    if np.median(tallest) > TOO_TALL_M or tall_m < TOO_SHORT_M:  # median: a hand is seldom raised for long
+    # the median, since a raised hand adds to the height, but is seldom raised for long
+    if np.median(tallest) > TOO_TALL_M or tall_m < TOO_SHORT_M:
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
         remedy = f"right where they sit all the time; otherwise {CORRECT_UNIT}, or fx and fy"

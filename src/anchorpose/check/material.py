@@ -65,7 +65,9 @@ class OfCamera(NamedTuple):
 
 
 def level_of(value: float, yellow: float, red: float) -> Level:
-    """Return the level of a value: yellow or red above the limit of this name; NaN (not measured) is green."""
+    """Return the level of a value: red above the limit ``red``, else yellow above the limit ``yellow``, else green; NaN
+    (not measured) is green.
+    """
     return Level.RED if value > red else Level.YELLOW if value > yellow else Level.GREEN
 
 
@@ -90,8 +92,11 @@ PAIRS: Final = 6  # number of pairs of successive frames that are compared to fi
 BODIES: Final = 8  # number of frames in which a body is fitted to each person; 1 s of computing for three people
 SHORT: Final = 300  # minimum number of frames per camera for thinning a recording; 10 s at 30 frames per second
 ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders often just miss the advised 15 Hz
-BORDER_PX: Final = 4  # pixels, width of the strip that counts as a border; filters leave outer rows without readings
-REACH_M: Final = 0.10  # m, maximum depth difference between a skin point of a roughly fitted body and the pixel there
+# pixels, width of the strip along an image's edge that counts as its border, since filters leave outer rows without
+# readings
+BORDER_PX: Final = 4
+# m, maximum depth difference between a skin point of a roughly fitted body and a reading of the patient that shows it
+REACH_M: Final = 0.10
 
 
 @dataclass(frozen=True, slots=True, eq=False)

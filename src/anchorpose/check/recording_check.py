@@ -37,8 +37,8 @@ from anchorpose.tracker.preparation import MOVED, OUTDATED
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
-# shares of a camera's frames that are missing (yellow, red). Tracking bridges single missing frames; above 0.25, parts
-# of the recording have only half the frame rate
+# limits (yellow, red) of the share of a camera's frames that are missing. Tracking bridges single missing frames; above
+# 0.25, parts of the recording have only half the frame rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
 # Limits (yellow, red) of the share of frame intervals that deviate from multiples of the camera's period by over a
@@ -204,9 +204,13 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-CUT_PX: Final = 3  # pixels, maximum number at a border of a body that is not cut off there; even a hand has more
-SOMETIMES, MOSTLY = 0.1, 0.5  # share of frames that cut off the body (yellow, red); raised hands may be cut off
-NEAR_M, FAR_M = 1.2, 4.0  # m to the patient; nearer, no lens shows feet and head; farther, a forearm has only 10 pixels
+# maximum number of the patient's pixels along an image border that does not cut off the body; even a hand has more
+CUT_PX: Final = 3
+# limits (yellow, red) of the share of frames in which an image border cuts off the body; raised hands may be cut off
+SOMETIMES, MOSTLY = 0.1, 0.5
+# m, smallest and largest good distance of the patient; nearer, no lens shows feet and head; farther, a forearm has only
+# 10 pixels
+NEAR_M, FAR_M = 1.2, 4.0
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
 # limits (yellow, red) of the hidden share of the skin that faces the camera; above 0.8, more of the body is inferred
 # than seen

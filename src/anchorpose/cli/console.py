@@ -1,4 +1,5 @@
-"""Print all output of commands. Names in it may come from files, so no character may control the terminal.
+"""Print all output of commands. Printed names may come from files, so characters that would control the terminal are
+escaped.
 
 No other module calls ``print`` or makes a console (``tests/test_structure.py``).
 """
@@ -75,8 +76,8 @@ def plain_console(error: bool = False) -> Console:
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
     """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
 
-    at_once: if True, the bar appears at once, since the first call may come late. If False, it appears with the first
-    call, so that work that is refused at its beginning shows no bar.
+    at_once: if True, the bar appears at once, since the first call of the yielded function may come late. If False, the
+    bar appears with the first call, so that work that is refused at its beginning shows no bar.
     """
     from rich import progress as parts
 

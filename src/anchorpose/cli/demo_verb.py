@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 DEMO_SECONDS, QUICK_SECONDS = 3.0, 1.0
 DEMO_SEED = 3  # a seed with which the patient, not the therapist, is nearest to the camera at the start
-DEMO_FPS = 15.0  # frames per second; enough for slow movements, and tracked twice as fast as 30
+# Frames per second; enough for slow movements, and tracking takes half as long as at 30 frames per second
+DEMO_FPS = 15.0
 
 
 def demo(
@@ -83,7 +84,7 @@ def _simulate_and_track(out: Path, seconds: float) -> Evaluation:
 
 
 def _print_account(evaluation: Evaluation, out: Path) -> None:
-    """Print the outcome in words, and what to do next."""
+    """Print the accuracy of the demo in words, and the commands that the user may run next."""
     say("")
     for sentence in account(evaluation):
         say(sentence)

@@ -202,8 +202,9 @@ def open_sources(names: Sequence[str], like: Path | None) -> list[LiveSource]:
 
 
 def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
-    """Open the outputs. Raises AnchorposeError for a malformed address or unknown host, MissingPackage if the package
-    of an output is not installed."""
+    """Open the chosen outputs: LSL streams (``lsl``) and OSC messages (``osc``, HOST:PORT). Raises AnchorposeError for
+    a malformed address or an unknown host, and MissingPackage if the package of an output is not installed.
+    """
     from anchorpose.live.output import LslOutput, OscOutput
 
     outputs: list[Output] = []
@@ -222,7 +223,7 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
 
 
 def _also_on(page: PageOutput) -> Callable[[str], None]:
-    """Return a function that prints a sentence and also shows it on the page."""
+    """Return a function that prints the sentence that it is given, and also shows the sentence on the page."""
 
     def tell(sentence: str) -> None:
         say(sentence)
@@ -250,7 +251,9 @@ def page_output(given: LiveGiven, browser: PageOptions) -> Iterator[PageOutput |
 
 @contextmanager
 def stop_on_signals() -> Iterator[Event]:
-    """Yield an event that the first Ctrl+C or the system's request to end sets; a second request ends the process."""
+    """Yield an event that is set by the first Ctrl+C, or by the system's first request to end the process (SIGTERM). A
+    second Ctrl+C or request ends the process.
+    """
     stop = Event()
     before: dict[int, Any] = {}
 

@@ -46,7 +46,8 @@ def experiment(
     """
     settings = _settings(quick, config)
     for name in KERNELS:
-        os.environ.setdefault(name, "1")  # a single thread, so that the movements do not depend on the number of cores
+        # Numerical libraries use a single thread, so that the simulated movements do not depend on the number of cores
+        os.environ.setdefault(name, "1")
     try:
         _run(out, settings, real, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as stopped:

@@ -33,14 +33,16 @@ TABLES: Final = (
 """The commands that accept a settings file; the file may have a table with the name of each command."""
 
 COMMAND_ONLY: Final = frozenset({"config", "output", "overwrite"})
-"""Options that must be given on the command line, since a file must not decide where results go or what is replaced."""
+"""Options that a settings file may not contain: the file must not decide where results go or which results are
+replaced.
+"""
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of commands without settings of tracking; they use only the file's table with their own
-    name. ``fill_from_file`` reads the file before the command begins.
+    """The option ``--config`` of commands without settings of tracking. Such a command uses only the table with its own
+    name in the file. ``fill_from_file`` reads the file before the command begins.
     """
 
     config: Path | None = None

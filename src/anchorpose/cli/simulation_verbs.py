@@ -152,7 +152,9 @@ class SimulateOptions:
     session: SessionOptions = field(default_factory=SessionOptions)
 
     def _body(self) -> OtherBody | None:
-        """Return the options on the patient's body, None if no such option is given."""
+        """Return the options that change the patient's body (build, braces, missing limbs, file); None if none of them
+        is given.
+        """
         from anchorpose.settings import sentence_of
         from anchorpose.simulate.bodies import OtherBody
 

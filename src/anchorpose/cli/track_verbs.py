@@ -136,7 +136,7 @@ def track(recording: str, /, *, results: Annotated[str, OUTPUT], options: TrackO
 def track_locally(recording: Path, results: Path, given: TrackOptions, go_on: str | None = None) -> None:
     """Track a recording on this machine into a local results folder, show progress, and print a summary.
 
-    go_on: text of the command with which the user continues after a stop; None for the same command with --resume.
+    go_on: advice in words on how the user continues after a stop; None advises to repeat the command with --resume.
     """
     from anchorpose.api.track import Options, track_watched
 
@@ -234,7 +234,7 @@ def batch(
         raise InputError(out, "was given no recordings", "give recordings, folders, patterns or a .csv table")
     place = Place(workers, scheduler, {} if slurm is None else read_toml(slurm))
     options = TrackOptions(config=config, smooth=smooth)
-    options.settings()  # refuses a mistake in the settings file once, before any session begins
+    options.settings()  # raises an error for a mistake in the settings file, once, before any session begins
     sessions = find_sessions(recordings, options)
     if index is not None and not summary:
         row = run_one(sessions, out, index)

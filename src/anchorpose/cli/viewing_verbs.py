@@ -35,7 +35,7 @@ class PageOptions:
     def showing(self, address: str, what: str, others_may: str) -> Iterator[None]:
         """Print the address and open it in the browser for the duration of the with block.
 
-        what: the page's name in the message. others_may: words for what other people who have the address can do.
+        what: the page's name in the message. others_may: words that say what other people who have the address can do.
         """
         from anchorpose.viewer.access import is_loopback
         from anchorpose.viewer.guarded_server import opened_page

@@ -26,17 +26,17 @@ from anchorpose.lens import Intrinsics, lens_array, project, rays_of_pixels
 from anchorpose.recording.regular_file import read_whole
 
 FOCAL_PX: Final = 200.0  # pixels, focal length of the images that the network was trained on
-INPUTS: Final = 5  # number of layers of the network's input, see ``inputs_of``
-STEP: Final = 2  # pixels of the input from one output of the network to the next, along rows and columns
-# width and height of the network's image are multiples of this, since the network halves it five times
+INPUTS: Final = 5  # number of layers of the network's input image (``inputs_of``)
+STEP: Final = 2  # pixels, spacing of the network's outputs on its input image, along rows and columns
+# pixels; width and height of the network's image are multiples of this, since the network halves the image five times
 MULTIPLE: Final = 32
 SMALLEST_PX: Final = 32  # pixels, minimum width and height of the network's image
 # maximum tangent of the angle (50 degrees) between a ray and the optical axis, since training images show no wider view
 WIDEST: Final = 1.2
 FARTHEST_M: Final = 9.0  # m; a farther value counts as no reading
 NEAREST_M: Final = 0.3  # m; a nearer value counts as no reading
-# two windows for relief, which is the depth minus its mean in the window: the window's side in pixels, and the limit in
-# m to which its relief is clipped
+# two windows for computing relief, which is the depth minus the mean depth in a window: the window's side in pixels,
+# and the limit in m to which the relief is clipped
 WINDOWS: Final = ((9, 0.15), (33, 0.5))
 OFFSET: Final = 0.1  # statures; unit of length in which the network states places within a patch of skin
 LARGEST_BYTES: Final = 64_000_000  # bytes, maximum size of a file of weights; the package's file has 4 MB
@@ -47,7 +47,7 @@ REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of t
 
 
 class Described(NamedTuple):
-    """The descriptor's outputs for the pixels on a grid of (h, w) rays, a hundredth of a focal length apart.
+    """The descriptor's outputs for the pixels on a grid of (h, w) rays, which are a hundredth of a focal length apart.
 
     place, error and pelvis_m are NaN if the probability of a person is below a half.
     """
@@ -58,7 +58,8 @@ class Described(NamedTuple):
     person: np.ndarray  # (h, w) float32, probability that the pixel shows a person, 0 without a reading
     # (h, w, 3) float32, place on the mean adult, standing, scaled to stature 1: X forward, Y up from the floor, Z right
     place: np.ndarray
-    error: np.ndarray  # (h, w) float32, expected distance of ``place`` from the true place, in statures
+    # (h, w) float32, expected distance of ``place`` from the true place, in statures (1 = the mean adult's height)
+    error: np.ndarray
     pelvis_m: np.ndarray  # (h, w, 3) float32, place of the pelvis of the pixel's person, in the camera's frame
 
 
@@ -91,7 +92,8 @@ def read_weights(path: Path) -> Weights:
 
     head, network = _parts(path)
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one thread adds in a fixed order, so each run gives the same bytes
+    # a single thread adds numbers in a fixed order, so every run gives exactly the same results
+    options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     nothing = np.zeros((1, INPUTS, MULTIPLE, MULTIPLE), np.float32)
     slope, base, centres = session.run(["slope", "base", "centres"], {"depth": nothing})
@@ -118,8 +120,8 @@ def describe(depth_m: np.ndarray, camera: Camera, weights: Weights | None = None
     """Describe one depth image (height, width), metres, 0 without a reading. By default, the package's ``weights`` are
     used.
 
-    A value that is not a number, negative or beyond ``FARTHEST_M`` counts as no reading. Raises ValueError if the image
-    has another size than the camera's images, or a field of view of less than 9 degrees.
+    A value that is not a number, or is not between ``NEAREST_M`` and ``FARTHEST_M``, counts as no reading. Raises
+    ValueError if the image has another size than the camera's images, or a field of view of less than 9 degrees.
     """
     if depth_m.shape != (camera.height, camera.width):
         raise ValueError(f"the image has {depth_m.shape} pixels, the camera ({camera.height}, {camera.width})")
@@ -154,8 +156,8 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
     """Return ``describe`` of an image. The results for the last images are kept in memory, since several stages need
     them.
 
-    An image must not be changed after it was described, since it is recognised by its identity and not by its content.
-    Raises InputError with the camera's name if ``describe`` raises an error.
+    An image must not be changed after it was described, since this function recognises an image by its identity and not
+    by its content. Raises InputError with the camera's name if ``describe`` raises an error.
     """
     with _lock:
         known = _remembered.get(id(depth_m))
@@ -176,8 +178,8 @@ def described(depth_m: np.ndarray, camera: Camera) -> Described:
 
 
 def nearest_rays(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (height, width): row and column of each pixel's nearest ray of ``Described``; whether a ray
-    is near.
+    """Return three arrays (height, width): row and column, in the grid of ``Described``, of the ray nearest to each
+    pixel; and whether the grid has a ray near the pixel.
     """
     return _nearest_rays(camera.intrinsics, camera.width, camera.height)
 
@@ -208,7 +210,7 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
     """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether the pixel has a reading, relief
     relative to two local means, and 1 / depth.
 
-    The values must be the same as those of ``inputs_of`` in ``tools/train_descriptor.py``.
+    The function ``inputs_of`` in ``tools/train_descriptor.py`` must give the same values.
     """
     import cv2
 
@@ -224,10 +226,11 @@ def inputs_of(depth_m: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera of ``FOCAL_PX``, and whether
-    the image has such a pixel.
+    """Return row and column (h, w) of the pixel nearest to each ray of a pinhole camera with the focal length
+    ``FOCAL_PX``, and whether the image has such a pixel.
 
-    The nearest pixel is used instead of a mean of neighbours: at an edge, no surface lies at the mean depth.
+    The nearest pixel is used instead of a mean of neighbouring pixels, since no surface lies at the mean depth of the
+    two sides of an edge.
     """
     low, across, down = _extent(rays_of_pixels(intrinsics, width, height))
     x, y = low[0] + np.arange(across) / FOCAL_PX, low[1] + np.arange(down) / FOCAL_PX
@@ -240,18 +243,20 @@ def _sampling(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.ndarr
 
 
 def _probability(classes: np.ndarray) -> np.ndarray:
-    """Return the probability (h, w) of a person, from the scores (p + 1, h, w) of the patches, then of no person."""
+    """Return the probability (h, w) that a pixel shows a person. classes (p + 1, h, w): the network's scores for the p
+    patches of skin, then for "no person".
+    """
     raised = classes - classes.max(axis=0)
     np.exp(raised, out=raised)  # in place, since it takes time to allocate a new array
     return np.asarray(1.0 - raised[-1] / raised.sum(axis=0))
 
 
 def _answers(said: np.ndarray, weights: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) in metres of n pixels, from the network's outputs
-    (n, outputs).
+    """Return place (n, 3), expected error (n,) and pelvis vote (n, 3) of n pixels, from the network's outputs (n,
+    outputs). The vote is the vector, in metres, from the pixel's surface point to the pelvis.
 
-    The outputs are a score per patch, a score for "no person", the log of the error, the vote, and features. The offset
-    within the patch is a linear function of the features.
+    The outputs are a score per patch, a score for "no person", the log of the error, the vote, and features. A pixel's
+    offset from the centre of its patch is a linear function of the features.
     """
     patches = len(weights.centres)
     patch, rest = said[:, :patches].argmax(axis=1), said[:, patches + 1 :]

@@ -1,4 +1,6 @@
-"""Find the people in depth images: pixels that vote for the same pelvis belong to the same person."""
+"""Find the people in depth images. For each pixel, the descriptor predicts the place of the person's pelvis (a vote);
+pixels that vote for the same pelvis belong to the same person.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +20,21 @@ APART_M: Final = 0.35
 trained on, 96 % of the votes are nearer than this to the pelvis of their person.
 """
 
-NEAR_M: Final = 0.2  # m, radius within which votes count for the same pelvis; twice a vote's median error
+# m, radius around a pelvis within which votes count for this pelvis; twice the median error of a vote
+NEAR_M: Final = 0.2
 STRAY_M: Final = 0.7  # m; a vote farther than this from every pelvis belongs to no person
 
 MOST_VOTES: Final = 4000  # maximum number of votes that are counted; three cameras give 20,000
 
 LEAST_AREA_M2: Final = 0.06
-"""Minimum seen surface (m2) of a person: a head with its neck. Objects can be larger, but have a lower certainty."""
+"""Minimum seen surface (m2) of a person: the area of a head with its neck. Objects can be larger, but have a lower
+certainty."""
 
 
 LEAST_CERTAINTY: Final = 0.7
 """Minimum of ``FoundPerson.certainty``. On labelled images of real rooms (``docs/descriptor.md``), all people in plain
-view have a higher certainty. Some objects (0.2 to 3 per image) also have a higher certainty. These objects are rejected
-later, since the body model does not fit them (``tracker.patient_choice.HUMAN``).
+view have a higher certainty. Some objects (0.2 to 3 per image) also have a certainty above this minimum. These objects
+are rejected later, since the body model does not fit them (``tracker.patient_choice.HUMAN``).
 """
 
 
@@ -53,7 +57,7 @@ def find_people(
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera. A pelvis is
     where the votes of all cameras are densest, weighted by the area that each pixel shows. The next pelvis is searched
     among the votes at least ``APART_M`` from all pelvises found before. A pixel belongs to the pelvis nearest to its
-    vote.
+    vote, if that is within ``STRAY_M``. People with a seen area below ``LEAST_AREA_M2`` are left out.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -116,7 +120,9 @@ def _votes(said: Described | None, depth_m: np.ndarray | None, pose: np.ndarray)
 
 
 def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray | None, ...]:
-    """Return, per camera, the rays (h, w) bool whose votes the mask ``mine`` (n,) over all cameras' votes selects."""
+    """Return, per camera, (h, w) bool: the rays whose votes are True in ``mine`` (n,), a mask over the votes of all
+    cameras.
+    """
     rays, first = list[np.ndarray | None](), 0
     for one in votes:
         if one is None:
@@ -130,7 +136,10 @@ def _rays(mine: np.ndarray, votes: Sequence[_Votes | None]) -> tuple[np.ndarray 
 
 
 def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the places (p, 3) around which votes (n, 3) are densest, in decreasing order of the votes' weight."""
+    """Return the places (p, 3) around which votes (n, 3) are densest, in the order in which they are found: first the
+    densest place of all votes, then the densest place of the votes that are more than ``APART_M`` from all earlier
+    places.
+    """
     step = 1 + len(votes_m) // MOST_VOTES
     votes_m, weight = votes_m[::step], weight[::step] * step
     left, found = np.ones(len(votes_m), dtype=bool), list[np.ndarray]()
@@ -146,8 +155,8 @@ def _pelvises(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the place (3,) with most weight of votes around it. The search compares about 200 votes and starts at the
-    vote with most weight around it. It then moves to the mean of the votes around the place until the place stays the
-    same.
+    vote with most weight around it. The search then moves from place to place: the next place is the weighted mean of
+    the votes around the present place. The search ends when the place hardly changes.
     """
     some = votes_m[:: max(1, len(votes_m) // 200)]
     centre = some[int(np.argmax(_weight_near(some, votes_m, weight, NEAR_M)))]
@@ -162,7 +171,7 @@ def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _weight_near(places_m: np.ndarray, votes_m: np.ndarray, weight: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return the weight (k,) of the votes within reach of each place (k, 3)."""
+    """Return the total weight (k,) of the votes within reach of each place (k, 3)."""
     found = np.zeros(len(places_m))
     for k in range(len(places_m)):
         x, y, z = places_m[k]

@@ -88,7 +88,7 @@ def _quality(names: tuple[str, ...], units: str, sigma: np.ndarray, state_code: 
 
 
 def motion_rows(channels: Sequence[Channel]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of motion.tsv: one row per frame, with one cell per channel."""
+    """Yield the rows of motion.tsv: one row per frame, with the text of one cell per channel."""
     for rows in blocks(len(channels[0].values)):
         columns = (channel.values[rows].tolist() for channel in channels)
         yield from zip(*([rounded_text(value, 6, MISSING) for value in column] for column in columns), strict=True)

@@ -138,7 +138,7 @@ def _add_frames(file: Any, samples: Samples) -> None:
     points = np.ones((4, *missing.T.shape))
     points[:3] = places.transpose(2, 1, 0)
     file["data"]["points"] = points
-    # no sigma here, since programs read a residual other than 0 and -1 differently
+    # the residual does not state sigma, since programs interpret residuals other than 0 and -1 in different ways
     file["data"]["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0).T[None]
     file["data"]["analogs"] = channels.reshape(len(channels), -1).T[None]
 

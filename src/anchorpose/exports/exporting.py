@@ -68,7 +68,8 @@ def _described(
 
 
 def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
-    """Write a CSV for each table that holds no images, joints_wide.csv, angles_wide.csv and data_dictionary.csv.
+    """Write joints_wide.csv, angles_wide.csv (if the results have angles), data_dictionary.csv, and a CSV for each
+    table of the results that holds no images.
 
     If the results have trials, also write measures_by_trial.csv, with a row per trial and measure.
     """
@@ -79,7 +80,7 @@ def write_csv(folder: Path, source: Source, config: ExportConfig) -> Product:
         with opened_parquet(path) as file:
             schema, count = file.schema_arrow, file.metadata.num_rows
         if any(pa.types.is_binary(kind) or pa.types.is_large_binary(kind) for kind in schema.types):
-            continue  # images of person labels, which only the viewer uses
+            continue  # leaves out tables with images of person labels, which only the viewer uses
         name = f"{path.stem}.csv"
         rows += count
         _write(folder / name, schema.names, _rows(path))
@@ -249,8 +250,8 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 
 def _own_files(folder: Path) -> tuple[str, ...]:
-    """Return patterns of the files in a folder that may be replaced, since an earlier export wrote them; empty without
-    such files. Raises InputError if the record of the earlier export cannot be read.
+    """Return patterns of the files in a folder that may be replaced, since an earlier export wrote them; the result is
+    empty without such files. Raises InputError if the record of the earlier export cannot be read.
     """
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []

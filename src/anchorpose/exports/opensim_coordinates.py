@@ -142,7 +142,9 @@ def read_hinge_axes(path: Path, frame: np.ndarray) -> HingeAxes | None:
 
 
 def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
-    """Return the unit axis (n, 3) in the world about which the lower bone bends; it is fixed to the upper bone."""
+    """Return the unit axis (n, 3) in the world about which the lower bone bends; this axis is fixed to the upper
+    bone.
+    """
     hinge, _ = hinge_axes(load_body_asset(), lower)
     quaternion = poses.quaternion[:, MOVING_BONES.index(upper)].astype(np.float64)
     axis = np.full((len(quaternion), 3), np.nan)
@@ -152,15 +154,15 @@ def _axis(poses: PoseTable, upper: str, lower: str) -> np.ndarray:
 
 
 SHIFTS: Final = ("pelvis_tx", "pelvis_ty", "pelvis_tz")
-"""The coordinates that are lengths, not angles."""
+"""Names of the OpenSim coordinates that are lengths, not angles."""
 
 
 def opensim_coordinates(
     position_m: np.ndarray, model: CoordinateModel, hinges: HingeAxes | None = None
 ) -> dict[str, np.ndarray]:
     """Compute OpenSim's coordinates, by name, from joints (n, 21, 3), world, metres; leave out coordinates that joints
-    do not determine. Each is (n,) in degrees for rotations and metres for ``SHIFTS``, NaN where a joint is missing.
-    Rotations are between -180 and 180 degrees, arm_flex between -90 and 270.
+    do not determine. Each coordinate is an array (n,), in degrees for rotations and in metres for ``SHIFTS``, NaN where
+    a joint is missing. Rotations are between -180 and 180 degrees, arm_flex between -90 and 270.
 
     hinges: the knee and elbow axes of the patient's learnt body model, from which hip_rotation and arm_rot are
     computed; None leaves both out. The model that ``opensim_model`` writes has the same axes and zeros: if it is given
@@ -210,7 +212,9 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
     shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
     flexion, adduction = limb_angles_deg(in_axes(torso, elbow - shoulder), sign)
     return {
-        f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,  # jumps where no arm gets: straight back, not overhead
+        # in this range, the angle jumps by 360 degrees where an arm would point straight back, which no arm can, and
+        # not where an arm points overhead
+        f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,
         f"arm_add_{end}": adduction,
         f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),
     }
@@ -272,7 +276,8 @@ def _turning_on(names: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     """Return the values (n, c) without the jumps of ``pelvis_rotation`` by 360 degrees that occur when a turning
     patient faces -X. Across such a jump, interpolation and filters would take the longer arc.
 
-    No other joint turns full circle. Its rotations would only collect whole turns where they have no definite value.
+    The other rotations keep their jumps: no other joint turns full circle, and where such a rotation has no definite
+    value, removing jumps would only add whole turns.
     """
     turning = values.copy()
     for column in np.flatnonzero(np.isin(names, "pelvis_rotation")):

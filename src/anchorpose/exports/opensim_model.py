@@ -39,8 +39,8 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return each joint's median place over the frames (n, 21, 3); None if the two ends of a bone are never known in
-    the same frame.
+    """Return each joint's position in the OpenSim body that carries the joint, as the median over the frames of
+    position_m (n, 21, 3); None if the two ends of a bone are never known in the same frame.
     """
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
 
@@ -118,8 +118,8 @@ def _some(body: Places, *names: str) -> Places:
 
 
 WIDE: Final = (-4.0 * np.pi, 4.0 * np.pi)
-"""Range in radians of all rotations but those of hinges. It limits nothing that a patient can do, since OpenSim cuts a
-coordinate off at the limit of its range, and its inverse kinematics may stop there.
+"""Range in radians of all rotations except the rotations of hinges. The range is wider than any movement of a patient,
+since OpenSim clamps a coordinate to its range, and OpenSim's inverse kinematics may stop at a limit.
 """
 
 HINGE: Final = (np.radians(-30.0), np.pi)
@@ -151,7 +151,8 @@ def _trunk(body: Places) -> tuple[OsimBody, OsimBody]:
             ("neck", (("extension", Z), ("bending", X))),
         )
     )
-    # the shoulder girdle moves on the chest, but the model has no joint for it: shoulders are markers of the arms
+    # the shoulder girdle moves on the chest, but the model has no joint for this movement, so the markers at the
+    # shoulders belong to the arms
     top, markers = body["SpineShoulder"], _some(body, "SpineShoulder", "Neck")
     rods = ((zero, top), (top, body["Neck"]), (body["ShoulderRight"], body["ShoulderLeft"]))
     return (

@@ -50,7 +50,7 @@ _ORIGINAL: Final = ("OrigDataRate", "OrigDataStartFrame", "OrigNumFrames")
 
 
 def trc_head(regular: RegularSamples) -> list[list[str]]:
-    """Return the cells of the lines before the frames."""
+    """Return the cells of the TRC file's header, the lines before the lines of the frames."""
     rate, count = number_text(regular.rate_hz), len(regular.samples.time_s)
     markers = range(1, len(JOINT_NAMES) + 1)
     return [
@@ -64,7 +64,7 @@ def trc_head(regular: RegularSamples) -> list[list[str]]:
 
 
 def trc_body(samples: Samples) -> Iterator[list[str]]:
-    """Yield the cells of the line of each frame."""
+    """Yield, for each frame, the cells of its line in the TRC file."""
     for number, (time_s, place) in enumerate(zip(samples.time_s.tolist(), samples.position_m, strict=True), 1):
         yield [str(number), repr(time_s), *(rounded_text(x, DIGITS, MISSING) for x in place.ravel().tolist())]
 
@@ -78,7 +78,8 @@ _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 # Coordinates that are held near zero, since markers do not determine the rotation of a straight limb about its long
 # axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
-_FREE_WEIGHT: Final = 1e-4  # so small that it does not shift coordinates that markers determine
+# Weight of these coordinates, so small that it does not shift coordinates that markers determine
+_FREE_WEIGHT: Final = 1e-4
 
 # For each measurement, by name: the two markers whose distance is measured, the body to scale, and the axes along which
 # the body is scaled.

@@ -1,7 +1,7 @@
 """Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need a fixed rate
 or no gaps.
 
-Measured samples stay unchanged wherever their times allow it.
+A measured sample stays unchanged if its time is close enough to a time of the fixed rate (``NEAR_SHARE``).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from anchorpose.results.frame_time import LONGEST_STEP, longest_known_gap_s, run
 
 NEAR_SHARE: Final = 0.01
 """Maximum difference between the time of a sample and a grid time for the sample to be used unchanged, as a share of
-the time between frames. At 30 frames per second, it is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
+the time between frames. At 30 frames per second, this difference is 0.3 ms, in which a hand at 3 m/s moves by 1 mm.
 """
 
 
 MOST_ROWS: Final = 20
-"""Maximum number of grid frames per recorded frame; with more, the recording consists mostly of pauses."""
+"""Maximum number of grid frames per recorded frame; with more grid frames, the recording consists mostly of pauses."""
 
 
 class TimeBase(StrEnum):
@@ -117,12 +117,15 @@ def nominal_rate_hz(time_s: np.ndarray) -> float:
 
 
 def near_in_time(time_s: np.ndarray) -> np.ndarray:
-    """Return (n - 1,) bool: whether a frame and the next are so near in time that no frame is missing between them: at
-    most ``LONGEST_STEP`` times the median step in the second around them, since a camera may slow down in poor light,
-    and never more than ``longest_known_gap_s``. Raises AnchorposeError for a single frame.
+    """Return (n - 1,) bool: whether a frame and the next are so near in time that no frame is missing between them. The
+    time between them (the step) must be at most ``LONGEST_STEP`` times the median step in the second around them, since
+    a camera may slow down in poor light, and at most ``longest_known_gap_s``. Raises AnchorposeError for a single
+    frame.
     """
     steps_s = np.diff(time_s)
-    per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)  # even, so that no frame is missing where two steps alternate
+    # an even number: where a short and a long step alternate, the median around a step then equals this step, so no
+    # frame counts as missing
+    per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)
     usual_s = median_filter(steps_s, 2 * per_side + 1, mode="mirror")
     return np.asarray((steps_s <= LONGEST_STEP * usual_s) & (steps_s <= longest_known_gap_s(time_s)))
 
@@ -198,16 +201,17 @@ def _at(samples: Samples, grid_s: np.ndarray, interpolation: Interpolation) -> S
 
 
 KEPT_SHARE: Final = 0.5
-"""Minimum share of the frames in which a column has a value, of those in which any column has one. Other columns are
-not written, since they would leave too few complete frames.
+"""Minimum share of frames in which a column has a value, among the frames in which any column has a value. Columns with
+a smaller share are not written, since they would leave too few complete frames.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretches:
-    """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: by stretch in which all
-    these columns are known, the index of its first frame, and the index after its last frame; alone: number of frames
-    in which all these columns are known, but not in the frame before or after, so that no stretch holds them.
+    """The columns and stretches of frames to write. kept (c,) bool: columns to write; runs: for each stretch (run of
+    two or more frames) in which all these columns are known, the index of its first frame, and the index after its last
+    frame; alone: number of frames in which all these columns are known, but not in the frame before or after, so that
+    no stretch holds them.
     """
 
     kept: np.ndarray
@@ -221,7 +225,7 @@ class Stretches:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a note for users on the frames that stand alone; no note without such frames."""
+        """Return a note for users on the number of frames that stand alone (``alone``); no note without such frames."""
         return (f"Complete frames left out, since the frames next to them are not: {self.alone}.",) * (self.alone > 0)
 
 

@@ -1,10 +1,12 @@
-"""Find and name the anchors: head, hands and feet as extrema of geodesic distance (paper, Definition 2, Section III).
+"""Find and name the anchors: head, hands and feet as extrema of the geodesic distance from the body's centre (paper,
+Definition 2, Section III). An extremum is a node farther from the centre, along the surface, than all nodes around it.
 
-Three kinds of evidence decide which anchor an extremum is. (1) Its place: the distance from the centre, the height
-above the body's middle, and the distance to the left of the middle. (2) Its path to the centre: where the path enters
-the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its distance from the
-predicted place. The cost of (3) is bounded, so the prediction decides only if place and path leave the anchor open. A
-wrong prediction therefore does not confirm itself.
+Three kinds of evidence decide which anchor (which body part) an extremum is. (1) Its place: the distance from the
+centre, the height above the body's middle, and the distance to the left of the middle. (2) Its path to the centre:
+where the path enters the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its
+distance from the predicted place. Each kind of evidence adds to the cost of a name. The cost of (3) is bounded, so the
+prediction decides only if place and path leave open which anchor the extremum is. A wrong prediction therefore does not
+confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -51,35 +53,44 @@ TOLERANCES: Final = np.array(
         [0.12, 0.12, 0.12, 0.10, 0.06],
     ]
 )
-"""Spread of each value in ``PLACES``, divided by the body height: large for arms, which move a lot, small for head and
-feet."""
+"""Usual spread (tolerance) of each value in ``PLACES``, divided by the body height: large for arms, which move a lot,
+small for head and feet.
+"""
 
 FROM_HEAD: Final = np.array([0.47, 0.47, 0.92, 0.92])
-"""Distances of hands and feet from the head along their paths, in body heights; a hand above the head has 0.25."""
+"""Usual distances of hands and feet from the head along their paths, in body heights, in the order of ``ANCHOR_NAMES``;
+a hand raised above the head has 0.25.
+"""
 
 FROM_HEAD_TOLERANCE: Final = 0.20  # spread of each distance in ``FROM_HEAD``, divided by the body height
-# The unit of all costs is one tolerance: the spread of a value, as in ``TOLERANCES``.
-MISSED: Final = 4.0  # cost of a missed anchor; if every extremum costs more, the anchor is missed
-PREDICTION: Final = 1.5  # maximum cost added for the distance from the predicted place
-# cost added for an anchor without a prediction. The limit ``MISSED`` then allows 3 tolerances from the usual place
+# tolerances (the unit of all costs: 1 is the usual spread of a value, as in ``TOLERANCES``), cost of an anchor that is
+# not found; if every extremum costs more than this, the anchor is missed
+MISSED: Final = 4.0
+PREDICTION: Final = 1.5  # tolerances, maximum cost added for an extremum's distance from the anchor's predicted place
+# tolerances, cost added if an anchor has no predicted place. The limit ``MISSED`` then allows 3 tolerances from the
+# usual place
 UNPREDICTED: Final = 1.0
-# maximum cost of an extremum within the gate (``AnchorConfig.gate``) of the predicted place. It is less than
-# ``MISSED``, so that such an extremum can be the anchor in any pose
+# tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``, for the head
+# ``HEAD_GATE``) of the predicted place. It is less than ``MISSED``, so that such an extremum can be the anchor in any
+# pose
 AT_PREDICTION: Final = 3.5
-# tolerances, maximum distance from an anchor's usual place at which an extremum beyond the gate of the prediction can
-# get the anchor's name
+# tolerances, maximum difference from an anchor's usual place (``PLACES`` and, for hands and feet, ``FROM_HEAD``) at
+# which an extremum can get the anchor's name although it is beyond the gate of the predicted place
 CLEAR: Final = 2.0
-# tolerances; a larger difference from a usual value counts as this much, since an arm may be crossed or a path wrong
+# tolerances, maximum difference from a usual value that is counted; larger differences are reduced to it, since a
+# single value may be far off if an arm is crossed over the body or a path is wrong
 FARTHEST_OFF: Final = 3.0
-# cost added for hands and feet if no head is found, since their distances from the head are then missing
+# tolerances, cost added for hands and feet if no head is found, in place of the cost of their distances from the head
 HEADLESS: Final = 1.5
-ENTRY: Final = 0.20  # distance from the centre, divided by the height, at which a path enters the trunk
-STEP: Final = 0.05  # distance, divided by the height, between the places of a path that are compared with other paths
+# distance from the body's centre, divided by the body height, at which a path is taken to enter the trunk
+ENTRY: Final = 0.20
+# distance along a path, divided by the body height, between the places that are compared with the places of other paths
+STEP: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The axes and the unit of length in which places are measured."""
+    """The patient's axes and height: places are measured along these axes, as fractions of this height."""
 
     up: np.ndarray  # (3,) unit vector, world
     left: np.ndarray  # (3,) unit vector, world
@@ -87,11 +98,13 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return the distance of each extremum from each anchor's usual place, and the distances between extrema.
+    """Return how far each extremum (the tip of a cap in ``caps``) is from each anchor's usual place, and the distances
+    between the extrema.
 
-    The first result is (k, 5) in squared tolerances: the sum over the five values of ``PLACES``, each limited to
-    ``FARTHEST_OFF``. The second result is (k, k), in body heights. These distances run down the path of one extremum,
-    straight across the trunk, and up the path of the other extremum.
+    The first result is (k, 5) in squared tolerances: the sum of the squared differences from the five usual values in
+    ``PLACES``, each difference limited to ``FARTHEST_OFF``. The second result is (k, k), in body heights. A distance
+    between two extrema runs from the first extremum along its path towards the centre, straight across the trunk, and
+    along the path of the second extremum to this extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -105,8 +118,8 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
-    """Return (k, l) int: the nodes of each extremum's path at every step from the centre; after the end of the path,
-    the extremum is repeated.
+    """Return (k, l) int: for each extremum, the nodes of its path at the distances 0, ``step_m``, 2 ``step_m`` and so
+    on from the centre. After the end of the path, the extremum is repeated.
     """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
@@ -128,13 +141,16 @@ def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray)
 
 
 def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded: np.ndarray) -> np.ndarray:
-    """Return (5,) int: the extremum of each anchor, -1 if missed, with the least total cost over all five.
+    """Return (5,) int: the number of the extremum that is assigned to each anchor, -1 if the anchor is missed. The
+    assignment has the least total cost of all five anchors.
 
-    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance from the anchor's prediction, divided by the
-    gate; NaN without prediction. excluded (k, 5) bool: extrema that cannot be the anchor. An anchor costs the root of
-    its value in ``off2`` (for hands and feet, plus the value of ``_off_head2``), plus at most ``PREDICTION`` for the
-    distance from the prediction; a missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if it
-    is clear: at most ``CLEAR`` from the usual place of this anchor, and not nearer to the usual place of another
+    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted
+    place, divided by the gate (the distance within which the prediction supports the name); NaN without a prediction.
+    excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from
+    the anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is
+    the square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
+    missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if the name is clear: the difference
+    from the usual place of this anchor is at most ``CLEAR``, and no larger than from the usual place of any other
     anchor. An assignment is computed for each extremum as the head, and for a missing head; the assignment with the
     least cost is returned.
     """
@@ -154,8 +170,9 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """Return the cost (k, 5) of the distances from usual places and from predicted places. off (k, 5): distance from
-    the usual place, in tolerances; away (k, 5): distance from the predicted place, in units of the gate.
+    """Return the cost (k, 5) of each extremum as each anchor, from its distances from the usual place and from the
+    predicted place; inf if the name is not allowed. off (k, 5): distance from the usual place, in tolerances; away (k,
+    5): distance from the predicted place, in units of the gate.
     """
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
@@ -172,8 +189,8 @@ def _off_head2(apart: np.ndarray) -> np.ndarray:
 
 
 def _assign(cost: np.ndarray) -> np.ndarray:
-    """Return (m,) int: the row of cost (k, m) assigned to each column, -1 = none, with the least total cost. Rows and
-    columns whose pairing costs ``MISSED`` or more are not paired.
+    """Return (m,) int: for each column (anchor) of ``cost`` (k, m), the row (extremum) that is assigned to it, -1 =
+    none, so that the total cost is least. A row and a column are not paired if this costs ``MISSED`` or more.
     """
     bounded = np.minimum(cost, MISSED)
     chosen = np.full(cost.shape[1], -1)
@@ -185,14 +202,19 @@ def _assign(cost: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Anchors:
-    """The five identified anchors of a surface; missed anchors are marked, never guessed."""
+    """The five anchors (head, hands, feet) of a surface. An anchor that was not found is marked as missed, and its
+    place is never guessed.
+    """
 
-    # (5,) int32, index into the surface, -1 = missed: the cap's node nearest to the cap's centre. From frame to frame,
-    # distances from this node change half as much as distances from the extremum.
+    # (5,) int32, index into the surface, -1 = missed: of the nodes of the extremum's cap (the surface around it), the
+    # node nearest to the cap's centre. Distances of other nodes from this node change from frame to frame half as much
+    # as their distances from the extremum.
     node: np.ndarray
-    position_m: np.ndarray  # (5, 3) float64 world, centre of the extremal cap; NaN if missed
+    # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
+    position_m: np.ndarray
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
-    # ends of limbs without a name, neither cut off nor continued by hidden skin; the farthest from the centre first
+    # extrema that got no name although a limb ends there: the surface is not cut off at them, and hidden skin does not
+    # continue beyond them. The extremum farthest from the centre comes first
     free: tuple[Cap, ...] = ()
 
     @property
@@ -206,17 +228,19 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
-    cap: Positive = 0.06 / 1.75  # depth of the extremal cap below its tip (6 cm, about a fist)
+    # depth of an extremum's cap, measured from the tip towards the centre (6 cm, about a fist)
+    cap: Positive = 0.06 / 1.75
     # distance from the predicted place within which an extremum is accepted in any pose; half the length of forearm and
     # hand
     gate: Positive = 0.25 / 1.75
 
 
-# gate of the head, divided by the body height. It is smaller than the gate of a hand: a head moves less, and the neck
-# of a hidden head, 20 cm away, must not be mistaken for the head
+# distance from the head's predicted place within which an extremum is accepted in any pose (gate), divided by the body
+# height. It is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm away, must not
+# be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
-# distance divided by the body height; an extremum this near to its prediction is the limb's end even if it lies at a
-# cut, or if hidden skin continues there
+# distance divided by the body height; an extremum within this distance of an anchor's predicted place can be the anchor
+# even if an object cuts the surface off there, or if hidden skin continues beyond it
 END_GATE: Final = 0.09 / 1.75
 
 
@@ -230,17 +254,19 @@ def find_anchors(
     config: AnchorConfig | None = None,
     missing: np.ndarray | None = None,
 ) -> Anchors:
-    """Find the anchors: assign head, hands and feet to the extrema; other extrema remain unnamed.
+    """Find the anchors: decide which extrema of the surface are the head, the hands and the feet. All other extrema get
+    no name.
 
     up, facing (3,): unit vectors, world, against gravity and in the direction in which the patient faces; height_m: the
     subject's height. cut (n,) bool: nodes at a border where something else cuts the surface (``surface.border``); an
-    extremum there is not an anchor, unless another camera sees the end. predicted_m (5, 3) world: the predicted place
-    of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that the patient
-    lacks.
+    extremum there is not an anchor, unless another camera sees that the limb really ends. predicted_m (5, 3) world: the
+    predicted place of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that
+    the patient lacks.
 
-    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if every extremum costs too
-    much; all are missed on a surface without seen nodes. Left and right follow ``facing``. If it is wrong by half a
-    turn, all sides are exchanged, and the anchors do not reveal this.
+    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if the cost of every extremum
+    is too high. On a surface without seen nodes, all anchors are missed. The direction ``facing`` decides which side is
+    left. If this direction is wrong by half a turn, left and right of all anchors are exchanged, and the result does
+    not show this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -253,7 +279,8 @@ def find_anchors(
     frame = Frame(up, np.cross(up, facing), height_m)
     no_end = _no_end_of_a_limb(surface, center, caps)
     away = _off_prediction(caps, predicted_m) / height_m
-    excluded = no_end & ~(away < END_GATE)  # but not if the end is predicted nearby: a hand on a rail ends at a cut
+    # an extremum near its predicted place is not excluded: the rail that a hand holds cuts the surface off at the hand
+    excluded = no_end & ~(away < END_GATE)
     excluded |= False if missing is None else missing
     away /= np.array([HEAD_GATE, *[config.gate] * LIMBS])
     chosen = name_extrema(*place_costs(surface, center, caps, frame), away, excluded)
@@ -262,7 +289,9 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """Return the distance (k, 5), metres, of each extremum from each anchor's prediction; NaN without prediction."""
+    """Return the distance (k, 5), in metres, of each extremum from the predicted place of each anchor; NaN without a
+    prediction.
+    """
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
     centers = np.array([cap.center_m for cap in caps])
@@ -284,7 +313,9 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """Return the anchors at the chosen caps: chosen (5,) int, -1 = missed."""
+    """Return the anchors at the chosen caps. chosen (5,) int: for each anchor, the number of its cap, -1 = missed;
+    free: as in ``Anchors``.
+    """
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
         if number >= 0:
@@ -301,11 +332,12 @@ def no_anchors() -> Anchors:
 
 
 def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap]) -> np.ndarray:
-    """Return (k, 5) bool: True where a cap cannot be an anchor.
+    """Return (k, 5) bool: True where a cap (the surface around an extremum) cannot be an anchor, since the limb does
+    not end there.
 
-    If the cap's piece of surface contains hidden skin, this skin decides whether a limb continues beyond its cap. It is
-    more reliable than an edge in the depth frame. In such a piece every cap may be the head, since hidden skin
-    continues beyond every head.
+    If the cap's connected piece of surface contains hidden (predicted) skin, this skin decides whether the limb
+    continues beyond the cap, since it is more reliable than an edge in the depth frame. In such a piece every cap may
+    be the head, since hidden skin continues beyond every head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)
@@ -321,7 +353,7 @@ def _nearest(surface: Surface, nodes: np.ndarray, point_m: np.ndarray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenAnchors:
-    """The patient's surface in one frame with its anchors."""
+    """The patient's surface in one frame, and the anchors that were found on it."""
 
-    whole: Surface  # seen nodes, then inferred hidden skin
+    whole: Surface  # nodes that cameras saw, then nodes of hidden skin, inferred from the predicted body
     anchors: Anchors

@@ -1,8 +1,10 @@
-"""Compute the geodesic distance field from the body's centre, and follow it from limb ends to the trunk.
+"""Compute the geodesic distance of every node from the body's centre, and the paths along which this distance decreases
+from the ends of limbs to the centre.
 
-The paper measures from a single node, V_c (Section IV-B), so unconnected pieces have no distance and no extremum. Here
-the distance on a separate piece, such as a forearm beyond a bar, is measured from the node nearest to the other pieces.
-So the farthest node of the piece lies at the limb's end and not at the bar.
+The paper measures from a single node, V_c (Section IV-B), so pieces of surface that are not connected to this node have
+no distance and no extremum (a node farther from the centre than all nodes around it). Here the distance on such a
+separate piece, for example a forearm beyond a bar, is measured from the piece's node nearest to the other pieces. So
+the farthest node of the piece lies at the limb's end and not at the bar.
 """
 
 from __future__ import annotations
@@ -26,21 +28,28 @@ LEAST_AREA_M2: Final = 0.0020  # m2, minimum area of a measured piece: half a pa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CenterField:
-    """Distance from the centre, and the connected pieces on which it was measured."""
+    """The geodesic distance of each node from the centre, and the connected pieces of surface on which the distance was
+    measured.
+    """
 
-    distance_m: np.ndarray  # (n,) float32, inf on pieces that are too small
+    distance_m: np.ndarray  # (n,) float32, inf on pieces that show less than ``LEAST_AREA_M2`` of skin
     piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
-    root: np.ndarray  # (p,) int32, node from which each piece is measured; V_c on the main piece, -1 if too small
-    before: np.ndarray  # (p,) int32, node across the gap from ``root``, on another piece; -1 without a gap or root
+    # (p,) int32, the node of each piece from which distances on the piece are measured: V_c on the main piece, -1 on a
+    # piece that is too small
+    root: np.ndarray
+    # (p,) int32, for each piece, the node of another piece on the other side of the gap, opposite ``root``; -1 for the
+    # main piece and for pieces without a root
+    before: np.ndarray
 
     @property
     def center(self) -> int:
-        """Return the centre node V_c."""
+        """Return the index of V_c, the node at the centre of the surface."""
         return int(self.root[(self.root >= 0) & (self.before < 0)][0])
 
 
 def center_field(surface: Surface) -> CenterField:
-    """Return the field of geodesic distance from the centre, finite on every piece with enough seen skin.
+    """Return the geodesic distance of every node from the centre. It is finite on every connected piece of surface that
+    shows enough skin.
 
     The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
     pieces are joined one after another. The next piece is always the piece with the narrowest gap to the joined pieces
@@ -59,7 +68,9 @@ def center_field(surface: Surface) -> CenterField:
 
 
 def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
-    """Compute ``center_field`` of a surface in pieces; field (n,): the distance on the piece of the given centre."""
+    """Compute ``center_field`` of a surface that consists of several unconnected pieces. field (n,): distance from
+    ``center``, known only on the centre's own piece.
+    """
     piece = pieces(surface)
     seen = np.bincount(piece[: surface.seen_count], minlength=piece.max() + 1)
     main = int(seen.argmax())
@@ -81,8 +92,9 @@ def _over_gaps(surface: Surface, center: int, field: np.ndarray) -> CenterField:
 def _join(
     points_m: np.ndarray, piece: np.ndarray, main: int, others: np.ndarray, root: np.ndarray, before: np.ndarray
 ) -> list[int]:
-    """Fill in ``root`` and ``before`` of the pieces ``others``; return these pieces in the order in which they are
-    joined (Prim's algorithm).
+    """Join the pieces ``others`` to the piece ``main``, one after another, across the narrowest gaps (Prim's
+    algorithm). Write ``root`` and ``before`` (as in ``CenterField``) of each joined piece, and return the pieces in the
+    order in which they were joined.
     """
     if len(others) == 0:
         return []
@@ -106,9 +118,10 @@ def _join(
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
     """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
 
-    From every node the path continues to the neighbour, on the grid or across a link, through which the distance is
-    least; at the root of a separate piece, the path continues on the other side of the gap. The path consists of nodes,
-    so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the centre.
+    From every node the path continues to the neighbour, on the grid or across a link, through which the way to the
+    centre is shortest; at the root of a separate piece, the path continues on the other side of the gap. The path
+    consists of nodes, so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the
+    centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")

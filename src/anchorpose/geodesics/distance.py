@@ -1,17 +1,19 @@
-"""Compute geodesic distances on a surface by fast marching with unfolding (paper, gd of Section III).
+"""Compute geodesic distances (lengths of the shortest paths along a surface) by fast marching with unfolding (paper, gd
+of Section III).
 
-The mean error is 3 to 9 mm. A front leaves the source and reaches the nodes in the order of distance. A node gets its
-distance from a triangle with two reached neighbours. The triangle is laid into a plane, in which the source lies at the
-known distances from both neighbours; this is exact where the surface is flat. Across a link, the link's length is
-added.
+The mean error of a distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at the
+source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with two
+neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known distances
+from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's pixel grid,
+for example between two cameras' nodes), the link's length is added.
 
 The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
-rounds. Nodes with a new distance wait for a round. All waiting nodes below the round's distance threshold are active:
-each computes candidate distances (``fans``) of its ring (its eight neighbours), in parallel in the processor's vector
-registers. A node whose distance is reduced waits again, even if it was active before. The active nodes form a band
-along the front; it is narrower than an edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses
-another node's new distance, so the result does not depend on the order of the nodes. Source of the rounds: Kim 2001
-(doi:10.1137/S1064827500367130).
+rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the round's distance
+threshold are active: each computes candidate distances (``fans``) of the nodes of its ring (its eight neighbours), in
+parallel in the processor's vector registers. A node whose distance is reduced waits again, even if it was active
+before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2 nodes in 100
+are active twice. Within a round no node uses another node's new distance, so the result does not depend on the order of
+the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -40,19 +42,21 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8), one row per value of a byte: the numbers of the byte's eight bits, set bits first. Bit k stands for lane k,
-# a neighbour of the node (``fans``).
+# (256, 8), one row per value of a byte: the numbers of the byte's eight bits, with the bits that are 1 (set) first. Bit
+# k stands for lane k, that is, for a certain neighbour of a node (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
 
 class Front(NamedTuple):
-    """The nodes that a front has reached, and its working memory."""
+    """The distances of the nodes that a front has reached so far, and its working memory."""
 
     distance: np.ndarray  # (n + 1,) float32, ``AWAY`` if not reached
-    bend: np.ndarray  # (n + 1,) float32, the distance at which the front last turned around the surface's rim
-    queued: np.ndarray  # (n + 1,) uint8, 1 for waiting nodes
-    waiting: np.ndarray  # (n + 9,) uint32, the waiting nodes
+    # (n + 1,) float32, the distance from the source at which the front, on its way to the node, last turned around the
+    # rim of the surface; 0 if it did not turn
+    bend: np.ndarray
+    queued: np.ndarray  # (n + 1,) uint8, 1 for nodes that wait for a round
+    waiting: np.ndarray  # (n + 9,) uint32, the nodes that wait for a round, in the first entries
     size: np.ndarray  # (1,) int64, number of waiting nodes
     active: np.ndarray  # (n,) uint32, the active nodes of a round
     fans: Fans
@@ -80,7 +84,9 @@ def new_front(count: int) -> Front:
 
 @njit(cache=True)
 def start_at(front: Front, sources: np.ndarray) -> None:
-    """Reset the front; the sources (s,) int32 wait at distance 0."""
+    """Reset the front, so that it starts at the nodes ``sources`` (s,) int32, which wait for the first round with the
+    distance 0.
+    """
     front.distance[:] = AWAY
     front.bend[:] = 0.0
     front.queued[:] = 0
@@ -93,8 +99,8 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """March until every node within ``stop.reach`` has its distance, or until a node is met at which ``stop.field`` is
-    at least ``stop.level``. Return whether such a node was met.
+    """Advance the front until every node within ``stop.reach`` has its distance, or until it meets a node at which
+    ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
 
     band: width in metres of the band of nodes that are active at once.
     """
@@ -116,8 +122,8 @@ def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
 
 @njit(cache=True)
 def _next_round(front: Front, band: float) -> tuple:
-    """Activate the waiting nodes that are farther than the nearest waiting node by less than ``band``; return their
-    number and the nearest distance.
+    """Begin a round: write to ``front.active`` the waiting nodes whose distance exceeds the distance of the nearest
+    waiting node by at most ``band``. Return the number of these nodes, and the distance of the nearest.
     """
     distance, waiting = front.distance, front.waiting
     low, waits = AWAY, front.size[0]
@@ -148,9 +154,10 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 
 @njit(cache=True)
 def _update_rings(front: Front, active: np.ndarray) -> None:
-    """Pass candidate distances to the rings of active nodes; a node whose distance is reduced waits for a later round.
+    """Give the neighbours in the rings of the active nodes their candidate distances where these are shorter. A node
+    whose distance is reduced waits for a later round.
 
-    The code has no branches, since the processor would mispredict half of them.
+    The inner loop has no branches, since the processor would mispredict half of them, which takes time.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -172,7 +179,9 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Pass distances from active nodes across their links, adding the length of the link."""
+    """Give the nodes at the other ends of the active nodes' links the distance of the active node plus the length of
+    the link, where this is shorter.
+    """
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):
         node, own, turned = active[k], table[k, OWN], table[k, OWN_BEND]
@@ -187,14 +196,14 @@ def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
                     front.size[0] += 1
 
 
-# width of the active band, in mean edge lengths; a narrower band needs more rounds, a wider band activates more nodes
-# twice
+# width of the band of distances in which nodes are active in the same round, in mean edge lengths; with a narrower
+# band, more rounds are needed, with a wider band, more nodes are active twice
 BAND: Final = 0.7
 SAMPLED_EDGES: Final = 128  # number of edges sampled for the mean edge length; it affects only the speed
 
 
 def geodesic_distance(surface: Surface, sources: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
-    """Return a distance field from each source.
+    """Return a field of geodesic distances for each source: the distance of every node from this source.
 
     sources (s,) int: nodes. Returns (s, n) float32 metres; inf for nodes that are not connected to the source or beyond
     ``max_distance_m``. Raises ValueError for a source that is not a node (such as -1 of a missed anchor), and for nodes
@@ -228,7 +237,7 @@ def check_sources(surface: Surface, sources: np.ndarray, max_distance_m: float) 
 
 
 def band_of(mesh: MeshArrays) -> float:
-    """Return the width in metres of the band of nodes that ``march_on`` activates at once."""
+    """Return the width in metres of the band of distances in which ``march_on`` activates nodes in the same round."""
     return BAND * mean_edge_m(mesh)
 
 
@@ -244,8 +253,8 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32); fans that were
-    filled for one field are used again for the next.
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). The fans (values
+    of each node's neighbourhood) that were filled for one field are used again for the next field.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

@@ -1,7 +1,8 @@
-"""Find the centre of the surface, its geodesic extrema (paper, Section IV-B, after Definition 2), and their caps.
+"""Find the centre of the surface, its geodesic extrema (the ends of limbs; paper, Section IV-B, after Definition 2),
+and the cap of each extremum.
 
-An extremum is a single node, the farthest of many nodes that are almost equally far. The surface around an extremum,
-its cap, has a more stable centre and shows whether the limb really ends there.
+An extremum is a single node: of many nodes that are almost equally far from the centre, it is the farthest. The surface
+around an extremum, its cap, has a more stable centre and shows whether the limb really ends there.
 """
 
 from __future__ import annotations
@@ -16,19 +17,20 @@ from anchorpose.errors import DegenerateGeometry
 from anchorpose.geodesics.distance import Stop, band_of, geodesic_distance, march_on, new_front, start_at
 from anchorpose.surface.surface import MeshArrays, Surface
 
-# number of a cap's farthest nodes whose mean distance counts as the distance of the limb's end; the distance of a
-# single node has half a centimetre of noise
+# number of nodes of a cap, the farthest from the centre, whose mean distance counts as the distance of the limb's end;
+# the distance of a single node has half a centimetre of noise
 FARTHEST: Final = 10
-# minimum share of a cap's outer half that lies at the border of an object in front (a cut), for the cap to be a stump:
-# the limb then continues behind the object. Beside a bar, all of the outer half lies at the cut.
+# minimum share of the nodes in a cap's outer half that lie at a cut (the border of an object in front), for the cap to
+# be a stump: the limb then continues behind the object. Beside a bar, all nodes of the outer half lie at the cut.
 STUMP_SHARE: Final = 0.5
-# minimum length of hidden skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for the limb to continue
-# there; fingers without readings are shorter
+# minimum length of hidden (predicted, unseen) skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for
+# the limb to continue there; fingers without readings are shorter
 LONGER: Final = 1.5
-LONGER_AT_CUT: Final = 1.0  # as ``LONGER``, if an object stands in front of the end, such as a bar before a wrist
+# the value in place of ``LONGER`` if an object, such as a bar before a wrist, stands in front of the end
+LONGER_AT_CUT: Final = 1.0
 # skin area per hidden node, divided by the skin area per seen node: hidden nodes are 2.2 cm apart, seen nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
-LEAST_SIGMA_M: Final = 0.003  # m, minimum sigma of a cap's centre, a quarter of the nodes' spacing
+LEAST_SIGMA_M: Final = 0.003  # m, minimum standard deviation of a cap's centre, a quarter of the spacing of nodes
 SPREAD: Final = 0.20  # standard deviation of a cap's centre over frames, divided by the cap's radius
 
 
@@ -54,9 +56,11 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     """Return (k,) int32: seen nodes farther from the centre than all other seen nodes within ``radius_m``, the farthest
     first.
 
-    field (n,) float32: geodesic distance from the centre; nodes at inf (not connected) are never extrema. radius_m: r
-    of the paper, a geodesic distance that may run over hidden skin. The rule is applied exactly: from each node without
-    a farther neighbour, a front marches until it meets a node that is as far from the centre.
+    field (n,) float32: geodesic distance from the centre; nodes with the distance inf (not connected to the centre) are
+    never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. This rule of the paper
+    is applied exactly, as follows. Each seen node that is farther from the centre than all its seen neighbours is a
+    candidate. From each candidate, a front spreads over the surface, up to the distance ``radius_m``. If the front
+    meets a seen node that is at least as far from the centre, the candidate is not an extremum.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -81,7 +85,9 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 whose ``field`` exceeds the field at all neighbours, on the grid and across links."""
+    """Return the nodes (k,) int32 at which ``field`` is larger than at all their neighbours, on the grid and across
+    links.
+    """
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
     source = np.repeat(np.arange(len(field)), np.diff(surface.link_start))
@@ -91,8 +97,9 @@ def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_extremum(mesh: MeshArrays, field: np.ndarray, candidates: np.ndarray, radius: float, band: float) -> np.ndarray:
-    """Return (k,) bool: candidates without a node within ``radius`` that is as far from the centre. A front marches
-    from each candidate, and stops at the first node that is as far from the centre.
+    """Return (k,) bool: whether a candidate is an extremum, that is, farther from the centre than all other nodes
+    within ``radius``. A front spreads from each candidate, and stops at the first node that is at least as far from the
+    centre as the candidate.
     """
     stands = np.empty(len(candidates), np.bool_)
     front = new_front(len(mesh.points_m))
@@ -108,11 +115,12 @@ class Cap:
 
     tip: int  # the extremum
     nodes: np.ndarray  # (m,) int, seen nodes
-    center_m: np.ndarray  # (3,) mean of the nodes, weighted towards the outermost nodes
+    center_m: np.ndarray  # (3,) weighted mean of the nodes; the outermost nodes have the largest weights
     reach_m: float  # geodesic distance of the extremum from the centre of the surface
     sigma_m: float  # standard deviation of ``center_m`` per axis
-    stump: bool  # whether the surface ends because an object is in front
-    continues: bool  # whether hidden skin extends much farther than the extremum
+    stump: bool  # whether the surface ends here only because an object in front hides the rest of the limb
+    # whether hidden skin extends much farther from the centre than the extremum, so that the limb continues
+    continues: bool
 
 
 def find_caps(
@@ -158,7 +166,9 @@ def _cap(
 
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
-    """Return whether most of the seen nodes in a cap's outer half lie at a cut, in every camera that sees the cap."""
+    """Return whether, for every camera that sees a cap's outer half, at least the share ``STUMP_SHARE`` of this
+    camera's nodes there lie at a cut.
+    """
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])
     at_cut = np.bincount(surface.camera[outer], weights=cut[outer])

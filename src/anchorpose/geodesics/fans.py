@@ -1,12 +1,12 @@
-"""Prepare the fan of each node, and compute the distances that the node can pass on to its neighbours. A node's fan is
-its ring of up to eight neighbours, with edges and triangles.
+"""Prepare the fan of each node, and compute the distances from the source that the node can pass on to its neighbours.
+A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
 
 The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
 computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
 four sides (the neighbours E N W S) come first, because every triangle consists of the node, the neighbour that gets a
 distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has
-one triangle to its left (counter-clockwise) and one to its right. Sources: Kimmel and Sethian 1998
-(doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
+two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right triangle. Sources: Kimmel
+and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # for each lane, its neighbour's place in the ring
 LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of its left triangle's side
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-# first column of each kind of value in a fan, eight columns (lanes) each: squared edge length, dot product of the edge
-# with the edge to the left side, and with the edge to the right side; FAN is the number of columns
+# first column of each kind of value in a fan; each kind has eight columns, one per lane. The values are the squared
+# length of the edge to the lane's neighbour, the dot product of this edge with the edge to the left side, and its dot
+# product with the edge to the right side. FAN is the number of columns
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
 # first columns in a row of ``Rows``, after the fan. Per lane, they hold the squared edge, distance and bend of the side
@@ -42,32 +43,35 @@ NOT_FILLED: Any = np.uint8(2)
 ZERO: Any
 ONE: Any
 TWO: Any
-# constants in single precision, since literals would convert all numbers to float64
+# numbers in single precision, since literals in the code would convert all results to float64
 ZERO, ONE, TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
 FULL_TURN: Any = np.float32(1.0 / (1.0 - np.cos(np.radians(4.0))))
 """Factor on 1 - cos of the angle by which a path turns at the surface's rim. The product is 1 at 4 degrees. At larger
-angles, the front starts again from the rim as from a source. The pixel steps of a straight rim turn paths by less than
-4 degrees.
+angles, the front starts again from the rim as from a source. A straight rim consists of pixel steps, which turn paths
+by less than 4 degrees.
 """
 
-FUSED: Final = {"contract", "nsz", "arcp"}  # numba's flags: products may be fused and reordered, but NaN stays NaN
+# numba's flags for faster arithmetic: products may be fused and reordered, but NaN stays NaN
+FUSED: Final = {"contract", "nsz", "arcp"}
 
 
 class Fans(NamedTuple):
-    """The rings of all n nodes; each is filled in when a front first reaches it."""
+    """The fans of all n nodes; the fan of a node is filled in when a front first reaches the node."""
 
     near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
     fan: np.ndarray  # (n, 24) float32, columns from ``EDGE2``, ``DOT_LEFT`` and ``DOT_RIGHT`` on
     rim: np.ndarray  # (n,) uint8, 1 where the surface ends; ``NOT_FILLED`` at first
-    edge: np.ndarray  # (8, 3) float32, scratch memory
+    edge: np.ndarray  # (8, 3) float32, working memory for the edges of one node
     wide: np.ndarray  # (n, 6) complex128, the same memory as ``fan``; each number holds four of its columns
 
 
 class Rows(NamedTuple):
-    """Workspace of a round, one row per active node."""
+    """The values with which a round computes distances, one row per active node (a node that passes its distance on in
+    this round).
+    """
 
-    table: np.ndarray  # (n, 96) float32
+    table: np.ndarray  # (n, 96) float32, with the columns defined above, from ``EDGE2`` to ``UPDATED``
     flat: np.ndarray  # the same memory as ``table``, in one dimension
     wide: np.ndarray  # (n, 24) complex128, the same memory; each number holds four columns of ``table``
 
@@ -88,7 +92,9 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of active nodes that no earlier round filled, so that a march that stops early fills few fans."""
+    """Fill the fans of all active nodes whose fans no earlier round filled. Fans are not filled in advance, so that a
+    front that stops early fills few fans.
+    """
     for k in range(len(active)):
         node = active[k]
         if fans.rim[node] == NOT_FILLED:
@@ -97,7 +103,8 @@ def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
-    """Fill in the neighbours and edges of one node; return whether the surface ends at it.
+    """Write the neighbours of one node, and the values of its edges and triangles, to ``fans``. Return whether the
+    surface ends at this node, that is, whether a neighbour is missing.
 
     A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with the dot
     product is False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each
@@ -129,7 +136,8 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 
 @njit(cache=True)
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
-    """Copy the inputs of the active nodes (k,) uint32 into the first k rows, before any distance changes.
+    """Copy the values from which candidate distances are computed to the first k rows of the table, before the round
+    changes any distance. active (k,) uint32: the active nodes, one per row.
 
     distance, bend (n + 1,) float32: as in ``Front``.
     """
@@ -149,8 +157,9 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to the columns from ``at`` on. The first columns get, per lane, the value of
-    the side in its left triangle (``LEFT``); the next columns, of the side in its right triangle (``RIGHT``).
+    """Copy the values of the four sides to row k of the table, to the columns from ``at`` on. Per lane, the first
+    columns get the value of the side in the left triangle (``LEFT``), and the next columns the value of the side in the
+    right triangle (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -160,7 +169,8 @@ def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, 
 
 @njit(cache=True, error_model="numpy", fastmath=FUSED)
 def find_candidates(table: np.ndarray, count: int) -> None:
-    """Compute candidate distances for the first ``count`` rows of ``Rows.flat``, and which neighbours they may update.
+    """Compute, in the first ``count`` rows of ``Rows.flat``, the candidate distances of each node's neighbours, and
+    mark the neighbours that these distances may update.
 
     The inner loop has no branch and reads a single array, so that the compiler vectorises it.
     """
@@ -193,8 +203,8 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply the
-    path turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
+    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply a
+    path that cannot cross the triangle turns at the node instead: 1 - cos of the angle, times ``FULL_TURN``.
 
     The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
     them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``

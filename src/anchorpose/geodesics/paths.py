@@ -1,4 +1,6 @@
-"""Find, in the distance field of any solver, the last piece of each node's shortest path."""
+"""Find the last piece of the shortest path from a source to each node, given the distances of all nodes from the
+source, which any solver may have computed.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +20,19 @@ def came_from(
     distance: np.ndarray,
     node: int,
 ) -> tuple[int, int, float]:
-    """Return a, b and share, which give the point from which a path reaches a node: (1 - share) a + share b on an edge
-    of the node's ring, or a single node (a = b).
+    """Return the point from which the shortest path reaches a node, as two nodes a, b and a share: the point (1 -
+    share) a + share b on an edge of the node's ring, or a single node (a = b). Both nodes are -1 if no neighbour is
+    nearer to the source.
 
-    points (n, 3 or more) float32: the places in the first columns; ring to link_length: fields of ``MeshArrays``,
-    passed separately because this is called for every node; distance (n,) float32: the field.
+    points (n, 3 or more) float32: the places in the first columns; ring, link_start, link_node and link_length: fields
+    of ``MeshArrays``, passed separately to save time, since this function is called for every node; distance (n,)
+    float32: the distance of each node from the source.
     """
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    one, other = np.int64(-1), np.int64(-1)  # int64 from the start, so that callees are compiled for one type only
+    # these are int64 from the start, so that the functions called with them are compiled for one type only
+    one, other = np.int64(-1), np.int64(-1)
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
         if b < 0 and _across(ring, node, k):
@@ -51,8 +56,9 @@ def came_from(
 
 @njit(cache=True, error_model="numpy")
 def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any) -> tuple[float, float]:
-    """Return the distance of a node by a path across the edge a-b, with the triangle laid flat. Also return where the
-    path crosses the edge, as a share of the way from a to b. The distance is inf if the path misses the edge.
+    """Return the distance of a node from the source by a path across the edge a-b, with the triangle of a, b and the
+    node laid flat. Also return where the path crosses the edge, as a share of the way from a to b. The distance is inf
+    if the path misses the edge.
     """
     c2, p2, dot = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -79,7 +85,7 @@ def unfolded(points: np.ndarray, distance: np.ndarray, node: int, a: Any, b: Any
 
 @njit(cache=True, error_model="numpy")
 def apart(points: np.ndarray, a: Any, b: Any) -> float:
-    """Return the straight distance between two nodes."""
+    """Return the straight-line distance between two nodes."""
     total = 0.0
     for axis in range(3):
         total += (np.float64(points[a, axis]) - points[b, axis]) ** 2
@@ -100,7 +106,8 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
     """Return whether the edge to a neighbour belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            for way in (1, 2, 6, 7):  # a neighbour of both nodes is one or two places from ``other`` in the ring
+            # a node that neighbours both nodes is one or two places from ``other`` in the ring
+            for way in (1, 2, 6, 7):
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):
                     return False
@@ -110,8 +117,8 @@ def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def open_nodes(ring: np.ndarray, rim: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: rim nodes whose triangles do not close around them. A missing diagonal neighbour leaves no gap
-    if the two neighbours beside it form a triangle with the node.
+    """Return (n,) bool: rim nodes that are open, that is, whose triangles do not surround them completely. A missing
+    diagonal neighbour leaves no gap if the two neighbours beside it form a triangle with the node.
     """
     is_open = np.zeros(len(ring), np.bool_)
     for node in range(len(ring)):
@@ -134,7 +141,9 @@ def _across(ring: np.ndarray, node: int, k: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def by_distance(distance: np.ndarray) -> np.ndarray:
-    """Return the nodes at a finite distance, nearest first, by a bucket sort with as many buckets as nodes."""
+    """Return the nodes with a finite distance, sorted by distance, the nearest first; the algorithm is a bucket sort
+    with as many buckets as nodes.
+    """
     farthest, count = 0.0, 0
     for value in distance:
         if np.isfinite(value):

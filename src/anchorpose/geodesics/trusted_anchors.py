@@ -1,4 +1,5 @@
-"""Decide which anchor distances of a node can be trusted: behind a hole in the surface, paths are too long.
+"""Decide which of a node's distances to the anchors can be trusted. Behind a hole in the surface they are too long,
+since the path must go around the hole.
 
 A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
 bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
@@ -23,12 +24,13 @@ PLACE, HEADING, SIDE, BEND = 0, 2, 5, 6  # first columns of ``bend`` (see below)
 CORNER, ROOT, CHAIN = 0, 1, 2  # columns of ``chain`` (see below), and their number
 """Columns of the arrays in which the kernels keep the values of the n nodes.
 
-Functions that are called for every node take plain arrays and are inlined: with a named tuple of arrays, counting the
-references at every call took four fifths of the computing time.
+Functions that are called for every node take plain arrays and are inlined. When they took a named tuple of arrays,
+numba counted the references to the arrays at every call, which took four fifths of the computing time.
 
 - skin (n, 6) float32: point and normal.
-- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a shadow's node in the plane into
-  which its path is laid flat; HEADING: direction of the last piece; SIDE: 1 or -1, the side to which a path bends.
+- bend (n, 6) float64: how the paths of one field bend around rims. PLACE: place of a node in a shadow, in the plane
+  into which the node's path is laid flat; HEADING: direction of the last piece of the path; SIDE: 1 or -1, the side to
+  which a path bends.
 - chain (n, 2) int32. CORNER: the rim node at which the path bends last, -1 outside shadows, -2 if the node is so deep
   in a shadow that the corner is not computed; ROOT: the rim node at which the path bends first, which identifies the
   plane.
@@ -36,8 +38,8 @@ references at every call took four fifths of the computing time.
 
 
 def hole_directions(surface: Surface, is_open: np.ndarray) -> np.ndarray:
-    """Return (n, 3) float64: at an open node (a rim node with gaps in its ring), a vector that points away from its
-    neighbours, into the hole; 0 elsewhere.
+    """Return (n, 3) float64: at an open node (a rim node with gaps in its ring), a vector that points away from the
+    node's neighbours, that is, into the hole; 0 at all other nodes.
     """
     points, hole = surface.points_m, np.zeros((len(surface), 3))
     nodes = np.flatnonzero(is_open)
@@ -61,7 +63,8 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Find a node's place in the plane into which its path is laid flat, if the path bends.
+    """Write to ``bend`` and ``chain`` the node's place in the plane into which its path from the anchor is laid flat,
+    if the path bends around a hole.
 
     edge: the last edge that the path crosses before the node: its ends a and b, where the path crosses it as a share of
     the way from a to b, and whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close
@@ -134,7 +137,9 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """Enter the place of a node whose path bends at the rim node ``at``, its last corner, by the angle ``turn``."""
+    """Write to ``bend`` and ``chain`` the place of a node whose path bends last at the rim node ``at``, by the angle
+    ``turn`` (radians).
+    """
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
     bend[node, PLACE] = bend[at, PLACE] + reach * (x * np.cos(turn) - y * np.sin(turn))
@@ -145,7 +150,9 @@ def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, 
 
 @njit(cache=True, error_model="numpy")
 def _arrival(at: Any, bend: np.ndarray, chain: np.ndarray) -> tuple[float, float]:
-    """Return the direction in which the path, in its plane, reaches the rim node ``at``."""
+    """Return the direction (x, y) in which the path reaches the rim node ``at``, in the plane into which the path is
+    laid flat.
+    """
     before = chain[at, CORNER]
     if before < 0:
         return 1.0, 0.0
@@ -168,8 +175,8 @@ def _third_corner(
 
 @njit(cache=True, error_model="numpy")
 def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: int) -> float:
-    """Return the angle between the path's pieces before and after a rim node, seen along the node's normal; 0 unless
-    the path bends towards the hole.
+    """Return the angle (radians) by which the path to ``node`` turns at the rim node ``at``, seen along the normal of
+    ``at``; 0 if the path does not bend towards the hole.
     """
     cosine, sine, side, up_in, up_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -191,7 +198,7 @@ def _turn(skin: np.ndarray, hole: np.ndarray, bend: np.ndarray, at: int, node: i
 
 
 TOLERANCE_M: Final = 0.010
-"""Maximum detour in metres that tracking may ignore: half of what the gate for matches allows for the jitter of anchors
+"""Maximum detour in metres that tracking may ignore: half of the anchor jitter that the gate for matches allows
 (``track_tree.hypotheses.GateConfig.anchor_bound_m``).
 """
 
@@ -204,10 +211,10 @@ def trusted_anchors(
     descriptor (n, k) metres, from ``anchor_descriptor``: the distance of each node to each anchor along this surface.
     rim (n,) bool: nodes at which the surface ends because something hides the rest of it (``Border.CUT``). A few nodes
     beside the border may be True, too: only nodes with an open ring of neighbours bend paths. The body's own outline is
-    not a rim: it is the same in every frame. Links across hidden skin do not bend paths. Missed (NaN) or unreached
-    (inf) anchors are not trusted. If the outline bends a path shortly before a rim does (at a hole beside the armpit),
-    the computed detour is too long: the path over the complete skin would bend at the outline, too. Fewer anchors are
-    then trusted than possible.
+    not a rim: it bends paths in the same way in every frame, so these paths are not too long. Links across hidden skin
+    do not bend paths. Missed (NaN) or unreached (inf) anchors are not trusted. If the outline bends a path shortly
+    before a rim does (at a hole beside the armpit), the computed detour is too long: the path over the complete skin
+    would bend at the outline, too. In this case, fewer anchors are trusted than could be.
     """
     if not tolerance_m >= 0:
         raise ValueError(f"tolerance_m must not be negative, got {tolerance_m}")
@@ -216,14 +223,14 @@ def trusted_anchors(
 
 
 def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: float = np.inf) -> np.ndarray:
-    """Return (n, k) float32 metres: by how much each distance is longer than it would be if the occluded holes were
-    filled flat.
+    """Return (n, k) float32 metres: how much longer each distance from a node to an anchor is than it would be if the
+    occluded holes of the surface were filled by flat skin.
 
-    The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Detours only grow
-    along a path. So nodes behind a detour of more than ``enough_m`` get a lower bound of their detour, which halves the
-    computing time of this function. The detour is inf if the path passes a strip without triangles beside the
-    occlusion, where bends are unknown. The direction of each path at a rim is computed from the field, so distances of
-    any solver can be used.
+    The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Along a path, the
+    detour of a node is never smaller than the detour of the node before. So nodes behind a detour of more than
+    ``enough_m`` get a lower bound of their detour, which halves the computing time of this function. The detour is inf
+    if the path passes a strip without triangles beside the occlusion, where bends are unknown. The direction of each
+    path at a rim is computed from the field, so distances of any solver can be used.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -278,7 +285,9 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
 
 @njit(cache=True, error_model="numpy")
 def _skin(mesh: MeshArrays) -> np.ndarray:
-    """Return points and normals side by side, (n, 6) float32."""
+    """Return the points and normals of the mesh side by side in a single array (n, 6) float32, with the columns
+    ``POINT`` and ``NORMAL``.
+    """
     skin = np.empty((len(mesh.points_m), SKIN), np.float32)
     for node in range(len(skin)):
         for axis in range(3):  # a loop, since numba takes four seconds longer to compile a slice
@@ -291,7 +300,8 @@ def _skin(mesh: MeshArrays) -> np.ndarray:
 def _set_heading(
     skin: np.ndarray, bend: np.ndarray, node: int, edge: tuple[int, int], share: float, known: bool
 ) -> None:
-    """Set the direction of a path's last piece, which begins on the edge between two nodes.
+    """Write to ``bend`` the direction of the last piece of the path to a node; this piece begins on the edge between
+    two other nodes.
 
     The direction stays 0 after a link, since a path across a hole does not bend around the hole.
     """
@@ -307,7 +317,9 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return a node's detour, by its path laid flat; deep in a shadow, the detour of the path's preceding node."""
+    """Return a node's detour: the length of its path, laid flat, minus the chord. Deep in a shadow, return the detour
+    of the preceding node of the path; outside shadows, return 0.
+    """
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)
         return np.float32(max(distance[node] - chord, 0.0))

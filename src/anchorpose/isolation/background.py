@@ -1,5 +1,5 @@
-"""Describe the empty room and the equipment (the paper's chi_0) as each camera sees them, and find the foreground:
-pixels with a reading in front of the room (paper, Section III).
+"""Describe the empty room and the equipment (an object with a known 3D model, the paper's chi_0) as each camera sees
+them, and find the foreground: pixels with a reading in front of the room (paper, Section III).
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from anchorpose.isolation.components import JUMP_GATE, without_flying_pixels
 from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
-# sigmas of a single reading. A pixel is foreground if the median of its 3x3 neighbourhood lies in front of the room by
-# more than this gate. Such a median has 0.4 times the sigma of a single reading, so the gate is five sigmas of the
-# median.
+# sigmas (standard deviations) of a single reading. A pixel is foreground if the median over its 3x3 neighbourhood lies
+# in front of the room by more than this. The median of nine readings has 0.4 times the sigma of a single reading, so
+# the gate is five sigmas of the median.
 BACKGROUND_GATE: Final = 2.0
-# sigmas of a single reading, maximum distance of a reading from the equipment that it shows; the median of 3x3 pixels
-# is not used here, since thin bars are at most three pixels wide
+# sigmas of a single reading, maximum difference between the depth of the equipment and a reading that shows it. The
+# median of 3x3 pixels is not used here, since thin bars are at most three pixels wide, so the window would contain
+# pixels beside the bar
 EQUIPMENT_GATE: Final = 3.0
 # m, assumed error of the equipment's predicted surface: the model was measured by hand, and the pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
@@ -44,20 +45,24 @@ class RestingLayer:
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 at pixels without the object
     sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the readings on the object
-    from_s: float  # s on the reference clock, time at which the object comes to rest
+    from_s: float  # s on the reference clock (the first camera's clock), time at which the object comes to rest
     until_s: float  # s on the reference clock, time at which the object is moved away
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackgroundModel:
-    """One camera's empty room."""
+    """One camera's empty room (the background): its depth, the noise of its readings, and movable objects that rest in
+    it.
+    """
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 where unknown
     sigma_m: np.ndarray  # (height, width) float32 m, standard deviation of the empty room's readings about ``depth_m``
     sensor: Sensor
     source: BackgroundSource
-    layers: tuple[RestingLayer, ...] = ()  # movable objects, each for the time that it rests
-    # share, among the pixels with a known room depth, of pixels that show the room (median over frames); 0 = unknown
+    # movable objects that rest in the room, each with the time during which it rests
+    layers: tuple[RestingLayer, ...] = ()
+    # share of pixels that show the room, among the pixels at which the room's depth is known: the median over frames; 0
+    # = unknown
     usual_share: float = 0.0
     moved: bool = False  # whether the camera or much of the room moved during the recording
 
@@ -66,8 +71,9 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     """Return the background's depth at each pixel of a frame, and the standard deviation of readings of the background,
     (height, width) float32 metres each.
 
-    depth_m: the frame's readings. The background at a pixel is the layer, if an object rests there at this time. It is
-    the room if no object rests there, or if the reading lies behind the object. If time_s is None, layers are ignored.
+    depth_m: the frame's readings. If an object rests at a pixel at this time, the object (its layer) is the background
+    of this pixel. If no object rests there, or if the reading lies behind the object, the background is the room.
+    time_s: time of the frame on the reference clock; if it is None, resting objects are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -79,15 +85,17 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
 
 def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None = None) -> np.ndarray:
     """Return (height, width) bool: pixels whose readings are nearer than the room by more than noise causes, without
-    flying pixels.
+    flying pixels (readings between two surfaces, at an outline).
 
     time_s: time of the frame on the reference clock; None: resting layers are ignored.
 
-    The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. A median
-    of two sigmas along the ray suffices (``BACKGROUND_GATE``). Where rays graze the floor, two sigmas are a centimetre
-    of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by ``JUMP_GATE``
-    sigmas is foreground for any median, since fingers and corners of the outline fill less than half of the window.
-    Where the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
+    The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. The
+    pixel is foreground if this median exceeds two sigmas, measured along the ray (``BACKGROUND_GATE``), and the pixel
+    itself is nearer than the room. Where rays meet the floor at a small angle, two sigmas along the ray are a
+    centimetre of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by more
+    than ``JUMP_GATE`` sigmas is foreground for any median: fingers and corners of the outline fill less than half of
+    the window, so the median there may show the room. Where the background is unknown, every reading counts as
+    foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -96,8 +104,8 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
 
 @njit(cache=True, nogil=True)
 def _sigmas_nearer(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return how many sigmas each reading lies in front of the room: 1e3 if the room is unknown, -1e3 without a
-    reading.
+    """Return, for each pixel, how many sigmas the reading lies in front of the room: 1e3 if the room is unknown, -1e3
+    without a reading.
     """
     nearer = np.empty_like(depth)
     for row in range(depth.shape[0]):
@@ -118,7 +126,8 @@ class ExpectedEquipment:
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
     # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
     measured: np.ndarray
-    low_m: np.ndarray  # (height, width) float32 m; a reading from low_m to high_m is equipment; inf without equipment
+    # (height, width) float32 m; a reading from low_m to high_m shows the equipment; inf at pixels without equipment
+    low_m: np.ndarray
     high_m: np.ndarray  # (height, width) float32 m; 0 without equipment
 
 
@@ -134,7 +143,8 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Compute which readings show the equipment; once per camera is enough, since the equipment does not move.
+    """Compute, for each pixel, the range of depths in which a reading shows the equipment. Once per camera is enough,
+    since the equipment does not move.
 
     drawn_m: from ``equipment_depth``. The equipment's silhouette is made one pixel wider than it is drawn, since a
     pixel that lies half on a bar reads the bar.
@@ -155,8 +165,8 @@ def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEq
     The mask has the pixels with a reading between ``low_m`` and ``high_m``, and the pixels without a reading at which
     the equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background
     itself shows the equipment (``measured``), a pixel of the foreground is never equipment. The reason is that fingers
-    around a bar stand out by less than the sum of the equipment model's error and one pixel's noise. So their readings
-    may lie between ``low_m`` and ``high_m``, too.
+    around a bar stand out from the bar by less than the sum of the equipment model's error and one pixel's noise. So
+    the readings of the fingers may lie between ``low_m`` and ``high_m``, too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

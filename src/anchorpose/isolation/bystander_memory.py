@@ -1,4 +1,6 @@
-"""Remember the skin of all people from frame to frame, to predict its place in the next frame."""
+"""Remember the skin of all people (the points on them that cameras saw, clothes included) from frame to frame, to
+predict its place in the next frame.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,25 @@ from anchorpose.isolation.ownership import OwnershipLikelihood
 from anchorpose.isolation.scene import Pieces
 from anchorpose.isolation.view import PixelLabel, View
 
-SAMPLE_PX: Final = 3  # pixels, step in rows and columns between sampled pixels; this is 2 cm at a distance of 2.5 m
-# m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin counts as hidden if a reading
-# lies in front of it by at least this distance
+# pixels, step in rows and columns between sampled pixels; on a person 2.5 m from the camera, this is 2 cm
+SAMPLE_PX: Final = 3
+# m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin also counts as hidden from a
+# camera if the camera's reading lies more than this distance in front of it
 CELL_M: Final = 0.05
-# s, time for which hidden skin is remembered. A person who passes near the camera, or stops there, hides others for two
-# seconds; after three, ``SPEED_M_S`` leaves their place open by a metre
+# s, time for which hidden skin is remembered. A person who passes near the camera, or stops there, hides other people
+# for two seconds; after three seconds, the hidden people's places are uncertain by about a metre, at ``SPEED_M_S``
 MEMORY_S: Final = 3.0
-SIGMA_M: Final = 0.012  # m, standard deviation of skin about a remembered point: noise, and half the spacing of points
+# m, standard deviation of skin about a remembered point, due to noise and to half the spacing of the points
+SIGMA_M: Final = 0.012
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
-# Walking people move faster; region growing finds their skin.
+# Walking people move faster; their pixels are found by region growing (pixels take the label of connected pixels).
 SPEED_M_S: Final = 0.30
 # m, maximum gap within one cluster of skin points. It is as wide as the strip that a rail hides, so that a head above a
 # rail belongs to the same cluster as the body below
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# mean number of grid cubes that a surface passes through, per area of one cube's face; it converts a number of cubes to
-# an area
+# mean number of cubes of a grid that a surface passes through, for each part of the surface that is as large as one
+# face of a cube; with this factor, the area of skin is estimated from the number of cubes that contain skin
 CUBES_PER_FACE: Final = 1.5
 
 
@@ -38,10 +42,10 @@ CUBES_PER_FACE: Final = 1.5
 class BystanderMemory:
     """The skin of all people, the patient included, as last seen."""
 
-    points_m: np.ndarray  # (n, 3) float32 world
-    owner: np.ndarray  # (n,) uint8 label of the person
+    points_m: np.ndarray  # (n, 3) float32, points on the skin, metres in the world frame
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     age_s: np.ndarray  # (n,) float32, time since the point was last seen
-    next_label: int  # label for the next new person
+    next_label: int  # label that the next person to appear will get
 
     @property
     def without_patient(self) -> BystanderMemory:
@@ -69,8 +73,8 @@ class BystanderMemory:
         }
 
     def moved(self, steps: Mapping[int, np.ndarray]) -> BystanderMemory:
-        """Move the skin seen in the last frame. steps: displacement (3,) m of a person, by label; skin of other people
-        stays.
+        """Return the memory after a displacement of the skin seen in the last frame. steps: for the label of a person,
+        the displacement (3,) in metres; the skin of people without an entry keeps its place.
         """
         if not steps:
             return self
@@ -90,14 +94,14 @@ class BystanderMemory:
 
 
 def empty_memory() -> BystanderMemory:
-    """Return the memory of an empty room."""
+    """Return a memory without any person's skin."""
     return BystanderMemory(
         np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(0, np.float32), PixelLabel.OTHER_PERSON
     )
 
 
 def memory_of(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> BystanderMemory:
-    """Return the memory of a single frame: the people's pixels in every third row and column."""
+    """Return the memory of a single frame: the points at the people's pixels in every third row and column."""
     points, owners = [np.zeros((0, 3), np.float32)], [np.zeros(0, np.uint8)]
     for pixels, view in zip(pieces, views, strict=True):
         if pixels is None or view is None:
@@ -122,8 +126,9 @@ def update_memory(
 ) -> BystanderMemory:
     """Update the memory by one more frame.
 
-    Skin that is hidden from all cameras is remembered for ``MEMORY_S``; skin that a camera sees past is forgotten.
-    Clusters too small for a person are dropped, so that an arm or head with a wrong label does not keep this label.
+    Skin that is hidden from all cameras is remembered for ``MEMORY_S``. Skin that was not seen again is forgotten if it
+    lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``). Clusters of skin
+    that are too small for a person are dropped, so that an arm or head with a wrong label does not keep this label.
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)
@@ -143,7 +148,9 @@ def _hidden_since(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Return the skin that was seen before, is not seen now, and may still be there since no camera sees past it."""
+    """Return the skin that was seen less than ``MEMORY_S`` ago, is not seen now, and may still be there: for every
+    camera with a frame, it lies outside the image or behind a nearer surface.
+    """
     age = before.age_s + np.float32(abs(elapsed_s))
     kept = np.flatnonzero((age < MEMORY_S) & ~_near(before.points_m, seen_m))
     points = before.points_m[kept]
@@ -170,7 +177,7 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
 
 
 def _in_large_clusters(memory: BystanderMemory) -> np.ndarray:
-    """Return (n,) bool: points in clusters of skin with one label that are large enough for a person."""
+    """Return (n,) bool: points in a cluster of one person's skin whose area is large enough for a person."""
     large = np.zeros(len(memory.owner), dtype=bool)
     for label in np.flatnonzero(np.bincount(memory.owner)):
         own = np.flatnonzero(memory.owner == label)

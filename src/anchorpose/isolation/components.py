@@ -1,4 +1,4 @@
-"""Find connected pieces of a depth frame, cut where the depth jumps."""
+"""Find connected pieces of a depth frame. A piece ends where the depth jumps by more than it can within one surface."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. At the
-# corner of a convex outline, a pixel has three.
+# minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. A pixel at
+# the corner of a convex outline has three such neighbours.
 SUPPORT: Final = 3
-# sigmas, maximum depth difference that noise causes between neighbouring pixels of one surface; a slope adds more
+# standard deviations (sigmas), maximum depth difference that noise causes between neighbouring pixels of one surface;
+# on a slanted surface, the depth also differs because of the slope
 JUMP_GATE: Final = 4.0
-STEEPEST_SLOPE_RAD: Final = 1.40  # rad (80 degrees); steeper surfaces return no reading
+# rad (80 degrees), maximum slant of a surface that returns readings; 0 = the surface faces the camera
+STEEPEST_SLOPE_RAD: Final = 1.40
 
 
 class JumpLimit(NamedTuple):
@@ -38,7 +40,9 @@ def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
 
 @njit(cache=True, nogil=True)
 def unite(root: np.ndarray, one: Any, other: Any) -> None:
-    """Join the sets of two nodes under the smaller root. root (n,) int32: a union-find forest."""
+    """Join the sets to which two nodes belong; the smaller of their roots becomes the root of the joined set. root (n,)
+    int32: a union-find forest, in which the nodes of a set have the same root.
+    """
     one, other = find_root(root, one), find_root(root, other)
     if one < other:
         root[other] = one
@@ -48,7 +52,9 @@ def unite(root: np.ndarray, one: Any, other: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def find_root(root: np.ndarray, node: Any) -> Any:
-    """Return the root of a node's set, and shorten the path to it. Callers pass int64, so it is compiled once."""
+    """Return the root of a node's set, and shorten the path to it. Callers pass ``node`` as int64, so numba compiles
+    the function for one type only.
+    """
     while root[node] != node:
         root[node] = root[root[node]]
         node = root[node]
@@ -62,7 +68,8 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
 
     depth_m (height, width) float32 metres; mask (height, width) bool. For two pixels, the limit at the greater depth
     applies. Return labels (height, width) int32, 0 outside the mask, else from 1 in the order of the pieces' first
-    pixels; and the number of pieces. The root of a piece is the smallest index among its pixels.
+    pixels; and the number of pieces. In the union-find forest, the root of a piece is the smallest index among its
+    pixels.
     """
     height, width = depth_m.shape
     parent = np.empty(height * width, dtype=np.int32)

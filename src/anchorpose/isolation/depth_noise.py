@@ -3,9 +3,10 @@ of edges, and false ramps between surfaces.
 
 Spatial filters (such as librealsense's) connect a person with the wall behind by a false ramp, a decimetre wide.
 
-Noise is measured on pixels that show the empty room in two sampled frames, since these differ only by noise. Second
-differences along a row (``first_frames``) would miss the error that neighbouring pixels share. The error of a stereo
-camera is the same within a patch as wide as its matching window. So this error hardly averages out over a limb.
+Noise is measured on pixels that show the empty room in two sampled frames, since two readings of a still surface differ
+only by noise. Second differences along an image row, which ``calibration.first_frames`` uses, would miss the error that
+neighbouring pixels share. The error of a stereo camera is the same within a patch as wide as its matching window. So
+the mean over all readings of a limb has hardly less of this error than a single reading.
 """
 
 from __future__ import annotations
@@ -64,14 +65,16 @@ FLAT: Final = 0.1  # maximum depth change along one side of an edge, as a share 
 MIDDLE: Final = (0.2, 0.8)  # an edge's width is measured from 20 % to 80 % of the depth difference across it
 # minimum number of measured edges in all frames; one image of a real, filtered recording has 900 on a person's outline
 LEAST_EDGES: Final = 200
-SHARP_PX: Final = 2.0  # pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; unfiltered edges: at most one
+# pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; edges that no filter has blurred have a width of at
+# most one pixel
+SHARP_PX: Final = 2.0
 FRAMES: Final = 8  # number of frames in which edges are measured
 # a pixel that differs from both sides of an edge by more than this share of the edge's depth jump is on a false ramp
 ON_RAMP: Final = 0.15
 
 
 def smear_px(frames_m: Sequence[np.ndarray], people: Sequence[np.ndarray] | None = None) -> int | None:
-    """Return the width in pixels of this camera's depth edges; 0 if they are sharp, None if too few are seen.
+    """Return the width in pixels of this camera's depth edges; 0 if they are sharp, None if too few edges are seen.
 
     frames_m: (height, width) float32 metres, 0 = no reading. people: for each frame (height, width) bool, the pixels
     that show people; only the outlines of people are measured. None: all edges are measured.
@@ -89,7 +92,8 @@ def _middles(depth_m: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     """Return the widths (e,), pixels, of depth edges with a flat surface on both sides, found along the rows. Widths
     are measured between the shares ``MIDDLE`` of the depth difference across the edge.
 
-    near (height, width) bool: only edges are measured whose nearer side alone lies in this mask.
+    near (height, width) bool: only edges are measured whose nearer side lies in this mask and whose farther side does
+    not.
     """
     beside, width = 4, depth_m.shape[1]
     span = width - WIDEST_PX - 2 * beside
@@ -121,13 +125,19 @@ def smeared(depth_m: np.ndarray, width_px: int) -> np.ndarray:
 
 
 CHANGES: Final = 6  # number of pairs of frames that are compared; together, they have half a million pixels or more
-# sigmas; a reading closer than this to the background shows the background; people stand farther in front
+# sigmas; a reading closer than this to the background shows the background; people stand farther in front of the
+# background
 STILL_GATE: Final = 6.0
-OUTLIER_GATE: Final = 4.0  # sigmas; larger noise is an outlier and left out; normal noise exceeds it once in 16,000
+# sigmas; a reading with a larger error is an outlier and is left out; normally distributed noise exceeds this once in
+# 16,000 readings
+OUTLIER_GATE: Final = 4.0
 ROUNDS: Final = 3  # number of times that outliers are removed and sigma is computed again
-# pixels from a depth edge; readings within this distance may lie between two surfaces and are counted separately
+# pixels, maximum distance from a depth edge of readings that count as beside the edge; they may lie between two
+# surfaces, so they are counted separately
 EDGE_PX: Final = 2
-EDGE_M: Final = 0.10  # m, minimum depth range of 5x5 pixels at an edge; a slanted surface has less
+# m, minimum difference between the nearest and the farthest depth in 5x5 pixels at an edge; on a slanted surface, it is
+# less
+EDGE_M: Final = 0.10
 BIN_M: Final = 0.5  # m, width of the depth bins; noise is measured per bin
 # degrees between ray and surface normal; surfaces up to the first angle are called "facing", up to the second
 # "slanted", beyond it "steep"
@@ -284,8 +294,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
     logs, depth_m = np.log(np.array(list(cells.values()))).T
     found = np.linalg.lstsq(matrix, logs, rcond=None)[0]
     by_level, by_slant = found[: len(levels)], dict(zip(slants, found[len(levels) :], strict=True))
-    # sigma is measured on facing surfaces; if no facing surface is seen, on the least slanted surfaces, where it is
-    # larger
+    # the returned sigma holds for surfaces that face the camera; if none is seen, it holds for the least slanted
+    # surfaces that are seen, where sigma is larger
     reference = by_slant[slants[0]]
     at_m = [float(np.exp(np.mean([d for d, (at, _) in zip(depth_m, cells, strict=True) if at == k]))) for k in levels]
     times = [float(np.exp(by_slant[k] - reference)) if k in by_slant else None for k in (1, 2)]
@@ -309,8 +319,8 @@ def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[
 
 
 def _deviation(values: np.ndarray) -> float:
-    """Return the root mean square without outliers. A median is not used: with coarse grey values most readings do not
-    change between frames, and the median would be 0.
+    """Return the root mean square of the values without outliers. A median is not used: with coarse grey values most
+    readings do not change between frames, and the median would be 0.
     """
     sigma = float(np.sqrt(np.mean(values**2)))
     for _ in range(ROUNDS):
@@ -322,8 +332,9 @@ def _shared(in_sigmas: np.ndarray) -> float:
     """Return how many pixels share one error: the sum of a pixel's correlations with itself and all pixels around it.
 
     in_sigmas (n, height, width): noise divided by its sigma, NaN where unknown. Correlations are summed by rings of
-    equal distance, up to the first ring with a mean correlation below ``UNRELATED``. All lags are computed (by Fourier
-    transforms): a correlation may be a narrow peak on top of a broad peak, which a few lags would not show.
+    equal distance, up to the first ring with a mean correlation below ``UNRELATED``. The correlation is computed for
+    all lags (offsets from pixel to pixel) up to ``LONGEST_PX``, by Fourier transforms. A few lags would not suffice: as
+    a function of the lag, the correlation may be a narrow peak on top of a broad peak.
     """
     seen = np.abs(in_sigmas) < OUTLIER_GATE
     value = np.where(seen, in_sigmas, 0.0).astype(np.float32)

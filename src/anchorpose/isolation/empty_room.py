@@ -1,8 +1,9 @@
-"""Learn the empty room of one camera from its background frame or, without such a frame, from surfaces that stay still
-in the recording.
+"""Learn the empty room of one camera from its background frame (a depth image without people) or, without such a frame,
+from surfaces that stay still in the recording.
 
-Still surfaces are the room or people who never leave their place; the learnt descriptor recognises these people. Behind
-these people, only floor and walls are filled in.
+Still surfaces are the room or people who never leave their place. The learnt descriptor (a network that finds people in
+depth images) recognises these people. Behind them, only the planes of floor, walls and ceiling are filled in, and the
+model of the equipment.
 """
 
 from __future__ import annotations
@@ -48,28 +49,31 @@ from anchorpose.isolation.room_planes import depth_of_room
 from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.threads import each
 
-BLOCK_PX: Final = 16  # pixels, side of the image blocks in which noise is measured; noise changes slowly over the image
-# minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth
+# pixels, side of the image blocks in which noise is measured; within a block, the noise is nearly the same
+BLOCK_PX: Final = 16
+# minimum number of readings in a block; the block's sigma, computed from a median, then has an error of a sixth of its
+# value
 READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
 # if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ. At
 # a pixel that reads only passers-by, fewer frames have a reading
 OFTEN_READ: Final = 0.5
-SAME_SIGMAS: Final = 6.0  # maximum difference between readings of one surface, in sigmas, in addition to ``SAME_M``
+# sigmas of the noise, maximum difference between readings of one surface, to which ``SAME_M`` (metres) is added
+SAME_SIGMAS: Final = 6.0
 # percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
-# m; a surface at most this far outside the equipment's outline on the ground may be the patient: arms over the rails,
-# or the back
+# m; a surface at most this far outside the equipment's outline on the ground may be the patient, whose arms or back may
+# extend over the rails
 LEAN_M: Final = 0.25
 HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
 # m above the floor; lower surfaces count as floor. The floor's plane may have an error of this height; a foot is three
 # times as high.
 SOLE_M: Final = 0.015
 # maximum share of the image's blocks in which readings of the room differ from the image of the empty room by more than
-# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a pitch
-# of 0.25 degrees, the floor differs: 0.35 of the image
+# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a camera
+# has tilted up or down by 0.25 degrees, the readings of the floor differ, in 0.35 of the blocks
 OUTDATED_SHARE: Final = 0.1
 
 
@@ -80,11 +84,12 @@ def learn_background(
     floor_height_m: float | None,
     equipment: EquipmentModel | None = None,
 ) -> BackgroundModel:
-    """Learn the background of one camera from a frame of the empty room or, without such a frame, from sampled frames.
+    """Learn the background of one camera from a frame of the empty room or, without such a frame, from frames of the
+    recording.
 
     empty_m (height, width) float32 or None; frames_m: frames of the same shape, spread over the recording; the camera
-    needs a pose. Without an empty frame, the background of a pixel is the farthest surface that it shows in enough
-    frames; readings on people are left out; the learnt descriptor finds these people. floor_height_m: None if no floor
+    needs a pose. Without an empty frame, the background of a pixel is the farthest surface that the pixel shows in
+    enough frames. Readings of people, whom the learnt descriptor finds, are left out. floor_height_m: None if no floor
     is seen. The equipment is used only without an empty frame. Raises ValueError without frames.
     """
     if not frames_m:
@@ -109,10 +114,10 @@ def learn_background(
 def is_outdated(empty_m: np.ndarray, frames_m: Sequence[np.ndarray], camera: Camera) -> bool:
     """Return whether the camera, or much of the room, has moved since the image of the empty room was taken.
 
-    empty_m, frames_m: as for ``learn_background``. If so, readings of the room differ from the image by more than noise
-    in many image blocks. In each block, the signed difference is computed as a median, in which noise averages out.
-    Readings farther than ``NEARER_M`` from the image show people or furniture and are left out. Return False if the
-    noise cannot be measured, for example from a single frame.
+    empty_m, frames_m: as for ``learn_background``. After such a move, readings of the room differ from the image by
+    more than noise in many image blocks. The difference of a block is the median of the signed differences of its
+    pixels, in which noise averages out. Readings farther than ``NEARER_M`` from the image show people or furniture and
+    are left out. Return False if the noise cannot be measured, for example from a single frame.
     """
     try:
         noise = noise_per_m(frames_m)
@@ -132,8 +137,9 @@ def has_moved(model: BackgroundModel, frames_m: Sequence[np.ndarray]) -> bool:
 
     frames_m: spread over the recording, in order. The test is that of ``is_outdated``, but compares the first third of
     the frames with the last third, and also uses readings far behind the room, where no person can be. Return False if
-    the noise was not measured. Not found: a move that is undone, a move near the beginning or end, and a move by which
-    the room's surfaces only come nearer by more than ``NEARER_M``, as people do.
+    the noise was not measured. Three moves are not found: a move that is undone, a move near the beginning or end, and
+    a move by which the room's surfaces only come nearer by more than ``NEARER_M``, since such readings are taken for
+    people.
     """
     third = len(frames_m) // 3
     if third == 0 or not model.sensor.noise.measured:
@@ -152,7 +158,8 @@ def _off_room(
     too few readings. Readings more than ``NEARER_M`` in front of the room or ``behind_m`` behind it are left out.
     """
     known = np.where(depth_m > 0, depth_m, np.float32(1.0))
-    # two grey values that differ by one step may stand for the same depth
+    # because of rounding, two grey values that differ by one step may stand for the same depth, so sigma is at least a
+    # step
     sigma = np.maximum(law.sigma_m(known), step_per_m * known**2)
     beyond = [np.where((depth_m > 0) & (frame > 0), frame - depth_m, np.nan) for frame in frames_m]
     off = [np.where((one > -NEARER_M) & (one < behind_m), one / sigma, np.nan) for one in beyond]
@@ -170,8 +177,8 @@ def _from_recording(
     equipment: EquipmentModel | None,
     noise: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the still surfaces; people who stay are replaced by the floor and walls behind
-    them.
+    """Return (depth_m, sigma_m) of the still surfaces; people who never move are replaced by the plane of the room, or
+    the equipment, behind them.
     """
     people = np.stack(each(lambda frame: people_mask(frame, camera), frames_m))
     depth, sigma = _what_stays(np.where(people, np.float32(0.0), np.stack(frames_m)), noise)
@@ -190,7 +197,9 @@ def _from_recording(
 def in_equipment(
     room_m: np.ndarray, camera: Camera, equipment: EquipmentModel, floor_height_m: float | None, noise_per_m: float
 ) -> np.ndarray:
-    """Return (height, width) bool: pixels above the floor, at most ``LEAN_M`` outside the equipment's outline."""
+    """Return (height, width) bool: pixels that may show a person in the equipment: they lie above the floor, at most
+    ``HEAD_M`` high, and at most ``LEAN_M`` outside the equipment's outline on the ground.
+    """
     points = transform_points(camera.require_pose(), camera.back_project(room_m))
     lowest = float(equipment.triangles()[0][:, 1].min()) if floor_height_m is None else floor_height_m
     above = points[..., 1] - lowest
@@ -229,7 +238,9 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
 
 
 def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (depth_m, sigma_m) of the farthest surface that each pixel shows in enough frames (n, height, width)."""
+    """Return (depth_m, sigma_m) of the farthest surface that each pixel shows in enough of the frames, ``frames_m`` (n,
+    height, width).
+    """
     count = (frames_m > 0).sum(axis=0)
     rising = np.sort(frames_m, axis=0)  # missing readings are 0, so they are sorted first
     if len(frames_m) < FRAMES_NEEDED:  # a single reading may be a person; the farthest of several readings is the room
@@ -248,7 +259,9 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Return, per pixel, the percentile of the last ``count`` sorted values along the first axis; 0 if count is 0."""
+    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): values sorted over
+    time, of which the last ``count`` (height, width) are readings; 0 if count is 0.
+    """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 

@@ -12,16 +12,18 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# 1/m3, density near a patient of pieces of surface that have no owner and do not show the patient; simulated clinics
-# have 1 to 3
+# 1/m3, number of pieces of surface per volume near a patient that have no person's label and do not show the patient;
+# in simulated clinics, it is 1 to 3
 CLUTTER_PER_M3: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenSkin:
-    """The predicted skin of limbs whose place is too uncertain to decide, pixel by pixel, which person is shown."""
+    """The predicted skin of limbs whose place is too uncertain for this skin to decide, pixel by pixel, which person a
+    pixel shows.
+    """
 
-    points_m: np.ndarray  # (n, 3) world
+    points_m: np.ndarray  # (n, 3), predicted points on the skin, metres in the world frame
     sigma_m: np.ndarray  # (n,) standard deviation of the skin about the point
     part: np.ndarray  # (n,) int, the segment to which the point belongs: half of a limb or of the trunk
 
@@ -42,8 +44,8 @@ def label_hidden_limbs(
     """Give separate pieces without a person's label the patient's label where a hidden limb is more probable than an
     unknown object; return the changed views.
 
-    With this label, the body model is fitted to the piece. If no pose of the limb fits the piece, the fitted body will
-    not cover it.
+    Because of this label, the body model is then fitted to the piece, too. If no pose of the limb fits the piece, the
+    fitted body will not cover the piece.
     """
 
     def labelled(pixels: Pieces | None, view: View | None) -> View | None:

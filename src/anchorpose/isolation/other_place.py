@@ -50,7 +50,8 @@ def usual_share(room_m: np.ndarray, sigma_m: np.ndarray, frames_m: Sequence[np.n
 def is_of_other_place(depth_m: np.ndarray, model: BackgroundModel) -> bool:
     """Return whether a depth image (height, width) float32 shows another place than the camera's room.
 
-    Return False if too little of the room is known, for example if a recorder has removed the room.
+    Return False if the camera's ``usual_share`` is too small for this test, for example because a recorder has removed
+    the room.
     """
     if model.usual_share < LEAST_USUAL:
         return False
@@ -80,8 +81,8 @@ def without_other_places(frame_set: FrameSet, scenes: Sequence[Scene]) -> FrameS
 
 
 def _shares(depth_m: np.ndarray, room_m: np.ndarray, sigma_m: np.ndarray) -> tuple[float, float]:
-    """Return two shares of the pixels with a known room depth: pixels that read the room, and pixels that read behind
-    it.
+    """Return two shares of the pixels at which the room's depth is known: the share with a reading that shows the room,
+    and the share with a reading behind the room.
     """
     depth, room, sigma = (image[::STEP_PX, ::STEP_PX] for image in (depth_m, room_m, sigma_m))
     known = room > 0

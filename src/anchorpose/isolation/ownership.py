@@ -17,7 +17,9 @@ MIXED: Final = 255  # label of a cell with skin of several people
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
-GATE: Final = 3.0  # sigmas; a place farther than this from all skin points gets its owner by region growing
+# sigmas, maximum distance of a skin point from a place at which the likelihoods of several people are compared; farther
+# points do not count, and a place at which no point counts gets its owner by region growing
+GATE: Final = 3.0
 # minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
 # 2 log(sigma), which ``decide_ownership`` compares
 LEAST_LEAD: Final = 2.0
@@ -27,8 +29,8 @@ LEAST_LEAD: Final = 2.0
 class OwnershipLikelihood:
     """Points at which people's skin is expected, with their uncertainty."""
 
-    points_m: np.ndarray  # (n, 3) float32 world
-    owner: np.ndarray  # (n,) uint8 label of the person
+    points_m: np.ndarray  # (n, 3) float32, expected points on the skin, metres in the world frame
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the skin about the point
 
     def __len__(self) -> int:
@@ -38,12 +40,12 @@ class OwnershipLikelihood:
 class LikelihoodGrid(NamedTuple):
     """The points of an ``OwnershipLikelihood`` sorted by cells: cell c has the points start[c] to start[c + 1] - 1."""
 
-    points_m: np.ndarray  # (n, 3) float32
-    owner: np.ndarray  # (n,) uint8
+    points_m: np.ndarray  # (n, 3) float32, the points, cell by cell
+    owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     weight: np.ndarray  # (n,) float32 = 1 / sigma^2
     penalty: np.ndarray  # (n,) float32 = 2 log(sigma)
     start: np.ndarray
-    origin_m: np.ndarray  # (3,) float32
+    origin_m: np.ndarray  # (3,) float32, world, the first cell's corner, that is, its smallest x, y and z
     # (a, b, c) uint8, owner of the skin in a cell and the 26 cells around it: ``NOBODY``, a person's label or ``MIXED``
     around: np.ndarray
 
@@ -77,8 +79,8 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Enter the owner of each point in the point's cell and the 26 cells around it. All points must be at least one
-    cell away from the lower border of the grid.
+    """Write the owner of each point to the point's cell of ``around`` and to the 26 cells around it; a cell with
+    several owners gets ``MIXED``. All points must be at least one cell away from the lower border of the grid.
     """
     before = np.full(3, -1, np.int64)
     whose = 0
@@ -102,10 +104,11 @@ def decide_ownership(
 ) -> np.ndarray:
     """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
 
-    If all skin around a place belongs to one person, that person owns the place. Otherwise the most likely owner is
-    chosen, but only where ``compared`` (m,) bool is True. The most likely owner is the person with the least (d /
-    sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin. The person must lead all other
-    people by ``least_lead``; skin farther away than ``gate`` times its sigma does not count.
+    If all skin in a place's cell and the 26 cells around it belongs to one person, that person owns the place.
+    Otherwise the most likely owner is chosen, but only where ``compared`` (m,) bool is True. The most likely owner is
+    the person with the least (d / sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin.
+    This value must be less than the value of every other person by at least ``least_lead``, otherwise the place has no
+    clear owner. Skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

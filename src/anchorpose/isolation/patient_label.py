@@ -32,8 +32,8 @@ def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> lis
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
     continues another person's surface without a crease between them: for example, half a therapist's head where the
-    patient's hand was expected. The patient's forearm beyond a bar continues no other person's
-    surface, so it stays.
+    patient's hand was expected. The patient's forearm beyond a bar continues no other person's surface, so it keeps the
+    patient's label.
     """
     return [_without_strays(pixels, owner) for pixels, owner in zip(shown, owners, strict=True)]
 
@@ -64,16 +64,17 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
 PART_CONTACT_M: Final = 0.05
 # m; pixels this near to a point of predicted skin count as on the skin, to allow for spacing, clothes and movement
 ON_SKIN_M: Final = 0.05
-LAST_LABEL: Final = 254  # the largest person label
+LAST_LABEL: Final = 254  # the largest label that a person can get
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:
-    """Label parts of the patient that have another person's label as the patient again; return the label of each node.
+    """Give parts of the patient that have another person's label the patient's label again; return the owners (n,) of
+    each camera's foreground pixels.
 
-    In two cases, a label stands for another person: if a body model is fitted to this person (``expected`` then has
-    this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a person.
-    Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they are
-    connected to the patient.
+    A label is believed to stand for another person in two cases: if a body model is fitted to this person (``expected``
+    then has this person's skin), or if the label's pixels off the patient's predicted skin have enough area for a
+    person. Otherwise the label's pixels are a part of the patient, if most lie on the patient's predicted skin and they
+    are connected to the patient.
     """
     bodies = np.unique(expected.owner)
     labels = {int(label) for owner in owners for label in np.flatnonzero(np.bincount(owner))}
@@ -87,9 +88,9 @@ def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: O
 
 
 def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, skin: cKDTree) -> bool:
-    """Return whether a label's pixels are a part of the patient. Three conditions must hold: most of the pixels lie on
-    the patient's predicted skin (``skin``, a KD-tree), they are connected to the patient's pixels, and the pixels off
-    this skin have too little area for a person.
+    """Return whether the pixels with ``label``, another person's label, are a part of the patient. Three conditions
+    must hold: most of the pixels lie on the patient's predicted skin (``skin``, a KD-tree), they are connected to the
+    patient's pixels, and the pixels off this skin have too little area for a person.
     """
     on_skin, elsewhere, contact_m = 0.0, 0.0, 0.0
     for pixels, owner in zip(shown, owners, strict=True):
@@ -106,7 +107,7 @@ def _is_part(shown: Sequence[Pieces], owners: Sequence[np.ndarray], label: int, 
 
 def sampled(pixels: Pieces, owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points_m (k, 3), owner (k,) and area_m2 (k,) of the ``wanted`` (n,) bool pixels in every third row and
-    column; each area covers nine pixels.
+    column; each area is nine times the pixel's own area, since the pixel stands for nine pixels.
     """
     chosen = pixels.index[::SAMPLE_PX, ::SAMPLE_PX]
     chosen = chosen[chosen >= 0]

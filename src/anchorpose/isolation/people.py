@@ -16,19 +16,22 @@ from anchorpose.threads import each
 
 PERSON_AREA_M2: Final = 0.12  # m2, minimum seen surface of a person, a fifth of an adult's frontal area
 FOREGROUND: Final = 0.33
-"""Minimum share of foreground in the area of a person found by the descriptor. The share is tested only if the
-foreground is smaller than ``LEAST_AREA_M2``. People have shares of 0.5 to 0.9 and not 1, since rays at the outline have
-no foreground pixel at their depth; parts of the room that were mistaken for people had 0.1 and 0.16.
+"""Minimum ratio of the area of a found person's foreground pixels to the area that the descriptor states for this
+person. The ratio is tested only if the area of the foreground pixels is smaller than ``LEAST_AREA_M2``. For people, it
+is 0.5 to 0.9 and not 1, since the descriptor's rays (points of its coarse grid) at a person's outline have no
+foreground pixel at their depth; for parts of the room that were mistaken for people, it was 0.1 and 0.16.
 """
 
-EDGE_M: Final = 0.1  # m, maximum depth difference of a pixel and its nearest ray; beyond, an outline separates both
+# m, maximum difference between the depths of a pixel and of the descriptor's nearest ray; if it is larger, the outline
+# of a surface lies between both
+EDGE_M: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
     """One person as seen by all cameras at one moment."""
 
-    ground_xz_m: np.ndarray  # (2,) float64, place of the pelvis over the ground
+    ground_xz_m: np.ndarray  # (2,) float64, X and Z of the pelvis in the world, metres
     bottom_m: float  # height of the lowest point of the seen surface
     top_m: float  # height of the highest point of the seen surface
     area_m2: float  # area of the seen surface
@@ -42,12 +45,14 @@ class People:
     of: tuple[np.ndarray | None, ...]  # per camera, (n,) int32, number of each foreground pixel's person, -1 = nobody
 
     def points_m(self, pieces: Sequence[Pieces | None], number: int) -> np.ndarray:
-        """Return the places (n, 3) of a person's pixels in all cameras."""
+        """Return the points (n, 3) in the world at a person's pixels in all cameras. number: the person's number."""
         shown = [(pixels, own) for pixels, own in zip(pieces, self.of, strict=True) if pixels is not None]
         return np.concatenate([pixels.points_m[own == number] for pixels, own in shown])
 
     def joined(self, owner: np.ndarray) -> People:
-        """Merge people. owner (k,): the number of the person with whom each is merged, or each person's own number."""
+        """Merge people. owner (k,): for each person, the number of the person with whom they are merged, or their own
+        number.
+        """
         kept = np.flatnonzero(owner == np.arange(len(owner)))
         members = [[self.people[k] for k in np.flatnonzero(owner == number)] for number in kept]
         number = np.append(np.searchsorted(kept, owner), -1)  # the last entry means nobody
@@ -69,7 +74,9 @@ class PatientChoice:
 
     ground_xz_m: np.ndarray  # (2,) float64, X and Z
     reason: str  # text for users after "who", such as "stands within the equipment"
-    sure: bool  # whether the user named the patient, or the patient is in the equipment and nobody else is as likely
+    # whether the choice is certain: the user named the patient, or the patient is in the equipment and nobody else is
+    # nearly as likely to be the patient
+    sure: bool
     frame: int | None = None  # number of the frame in which the patient is there; None if the frame does not matter
     rival_xz_m: np.ndarray | None = None  # (2,) place of another person who may be the patient; None if there is none
 
@@ -77,7 +84,8 @@ class PatientChoice:
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
     """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
 
-    A pixel gets the number of the person at the descriptor's nearest ray, -1 if this ray shows no person.
+    A pixel gets the number of the person whom the descriptor finds at its nearest ray (a point of the descriptor's
+    coarse grid), or -1 if this ray shows no person.
     """
     depths = [None if pixels is None else pixels.depth_m for pixels in pieces]
     said = each(lambda depth, camera: None if depth is None else described(depth, camera), depths, cameras)

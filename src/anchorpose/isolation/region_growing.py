@@ -17,9 +17,11 @@ from anchorpose.isolation.scene import Pieces
 # additional cost of growing into a crease, per sigma of its depth beyond CREASE_SIGMAS; the unit of cost is one step to
 # the next pixel
 CREASE_COST: Final = 4.0
-CREASE_PX: Final = 3  # pixels; a pixel's depth is compared with depths this far away on both sides: a finger at 2.5 m
+# pixels, the width of a finger at 2.5 m; a pixel's depth is compared with the depths this far away on both sides
+CREASE_PX: Final = 3
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a valley deeper than this is a crease
-DEEPEST: Final = 60  # maximum additional cost of a step into a crease, in steps: the length of a forearm in pixels
+# maximum additional cost of a step into a crease, in steps; it equals the length of a forearm in pixels
+DEEPEST: Final = 60
 
 
 def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_COST) -> np.ndarray:
@@ -51,7 +53,7 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
 
 
 class _Surface(NamedTuple):
-    """The fields of ``Pieces`` that growing needs."""
+    """The fields of ``Pieces`` that region growing needs, and the sensor's limits for steps in depth."""
 
     number: np.ndarray  # the field ``index``
     depth: np.ndarray
@@ -81,7 +83,9 @@ def _push(queue: _Queue, used: int, bucket: int, pixel: int, owner: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _grow(surface: _Surface, owner: np.ndarray, crease_cost: float) -> None:
-    """Run Dijkstra's algorithm with a ring of buckets; costs are whole numbers of steps."""
+    """Write to ``owner`` the new owner of each pixel that is reached, by Dijkstra's algorithm with a ring of buckets;
+    costs are whole numbers of steps.
+    """
     ring = DEEPEST + 2
     owned = 0
     for pixel in range(len(owner)):
@@ -128,7 +132,9 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the neighbour of a pixel in a direction, -1 if regions cannot grow there, and the cost in steps."""
+    """Return the number of a pixel's neighbour in a direction, -1 if its region cannot grow there, and the cost of
+    growing there, in steps.
+    """
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]
     nr, nc = r + d_r, c + d_c

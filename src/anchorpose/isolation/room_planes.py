@@ -18,11 +18,14 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.rotations import UP
 
 PLANES: Final = 6  # maximum number of planes that are searched for: floor, ceiling and the walls in view
-TRIALS: Final = 200  # draws of three points per plane; one in 125 draws hits a plane with a fifth of all points
+# number of random draws of three points per plane; if a fifth of all points lies on a plane, one draw in 125 has its
+# three points on this plane
+TRIALS: Final = 200
 VOTERS: Final = 5000  # number of sampled points against which each plane is tested
-# minimum share of the image that a plane covers; a smaller plane is furniture, or a person's back
+# minimum share of the image that a plane of the room covers; a smaller plane is taken for furniture, or a person's back
 LEAST_SHARE: Final = 0.03
-MOST_BEYOND: Final = 0.02  # maximum share of all readings that may lie beyond a wall; it is 0 in an ideal image
+# maximum share of all readings that may lie beyond a wall; in an ideal image, no reading does
+MOST_BEYOND: Final = 0.02
 
 
 def depth_of_room(room_m: np.ndarray, camera: Camera, noise_per_m: float) -> np.ndarray:
@@ -67,7 +70,9 @@ def find_planes(
 def _planes(
     points_m: np.ndarray, least: float, noise_per_m: float, most_beyond: float, rng: np.random.Generator
 ) -> list[np.ndarray]:
-    """Return the planes on which more than ``least`` of the points (n, 3) lie."""
+    """Return the planes (4,) on which more than ``least`` of the points (n, 3) lie, the plane with the most points
+    first; at most ``PLANES``.
+    """
     found, left = list[np.ndarray](), points_m
     while len(found) < PLANES and len(left) > max(least, 3):
         plane = _best(left, points_m, least, noise_per_m, most_beyond, rng)

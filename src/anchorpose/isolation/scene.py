@@ -1,4 +1,6 @@
-"""Describe one camera's scene before the first frame, and cut the people's pixels out of each frame."""
+"""Describe one camera's scene (its empty room and the equipment) before the first frame, and cut the people's pixels
+out of each frame.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +30,13 @@ from anchorpose.recording.equipment import EquipmentModel
 from anchorpose.recording.recording import FrameSet
 from anchorpose.threads import each
 
-SMALLEST_PIECE_M2: Final = 0.0005  # m2, a fingertip; a smaller piece is not a person
+# m2, minimum area of a piece of the people's pixels, the area of a fingertip; smaller pieces are left out
+SMALLEST_PIECE_M2: Final = 0.0005
 # m above the lowest pixel of people, maximum height at which readings of feet may be missing: the height of an ankle,
 # plus the part of a foot that a recorder removes with the floor
 FEET_M: Final = 0.3
-# m2; only larger pieces may be boards (flat rectangular objects), since a patch of a body between bars may be flat
+# m2, minimum area of a board (a flat rectangular object), since a smaller flat piece may be a part of a body that is
+# seen between bars
 LEAST_M2: Final = 0.15
 FLATTEST: Final = 0.025  # maximum deviation of a board from a plane, as a share of its width; trunks bulge by 5 %
 # minimum share of its enclosing rectangle that a board fills; a trunk with thighs fills less
@@ -87,9 +91,11 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The people's pixels of one camera's frame in connected pieces; people are not separated yet."""
+    """The people's pixels of one camera's frame, in connected pieces. A piece may show several people who touch, since
+    people are not separated yet.
+    """
 
-    depth_m: np.ndarray  # (height, width) float32
+    depth_m: np.ndarray  # (height, width) float32, the depth frame without readings on false ramps, metres
     # (height, width) uint8 of ``PixelLabel``; before people are separated, pixels that may show a person have CLUTTER
     labels: np.ndarray
     index: np.ndarray  # (height, width) int32, number of each foreground pixel, -1 = not foreground
@@ -97,12 +103,12 @@ class Pieces:
     column: np.ndarray  # (n,) int32, column of each foreground pixel
     piece: np.ndarray  # (n,) int32, number of each pixel's connected piece, from 1
     piece_count: int
-    points_m: np.ndarray  # (n, 3) float32 world
+    points_m: np.ndarray  # (n, 3) float32, the point that each foreground pixel shows, metres in the world frame
     area_m2: np.ndarray  # (n,) float32, area that the pixel covers on a surface that faces the camera
     sensor: Sensor
 
     def only(self, kept: np.ndarray) -> Pieces:
-        """Return the frame with only those foreground pixels that are ``kept`` (n,) bool."""
+        """Return the pieces with only the foreground pixels at which ``kept`` (n,) bool is True."""
         index = np.full_like(self.index, -1)
         row, column = self.row[kept], self.column[kept]
         index[row, column] = np.arange(len(row), dtype=np.int32)
@@ -137,9 +143,11 @@ def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces
 
 def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) -> Pieces:
     """Remove room and equipment from one frame, and cut the other pixels into pieces where the depth jumps. Readings on
-    false ramps, and boards, are removed too.
+    false ramps (drawn between two surfaces by the camera's filters) and boards (flat rectangular pieces) are removed,
+    too.
 
-    time_s: time of the frame on the reference clock; None: objects at rest do not count as room.
+    time_s: time of the frame on the reference clock (the first camera's clock); None: objects at rest do not count as
+    room.
     """
     model, camera, sensor = scene.background, scene.camera, scene.background.sensor
     depth_m = sensor.without_ramps(depth_m)
@@ -163,7 +171,7 @@ def find_pieces(depth_m: np.ndarray, scene: Scene, time_s: float | None = None) 
 def _first_labels(
     depth_m: np.ndarray, time_s: float | None, people: np.ndarray, scene: Scene, equipment: np.ndarray | None
 ) -> np.ndarray:
-    """Return ``PixelLabel`` (height, width) uint8 before people are separated."""
+    """Return each pixel's ``PixelLabel`` (height, width) uint8 as it is before people are separated."""
     model = scene.background
     labels = _nearness(depth_m, *room_at(depth_m, model, time_s), JUMP_GATE)
     if equipment is not None:
@@ -215,7 +223,9 @@ def _areas(depth: np.ndarray, piece: np.ndarray, count: int, focal: float) -> np
 def _listed(
     depth: np.ndarray, piece_of: np.ndarray, renumbered: np.ndarray, rays: np.ndarray, T: np.ndarray, focal: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the pixels of the kept pieces: index, row, column, piece, points_m, area_m2 of ``Pieces``."""
+    """Return the pixels of the pieces that are kept (``renumbered`` > 0), as the fields index, row, column, piece,
+    points_m and area_m2 of ``Pieces``.
+    """
     height, width = depth.shape
     index = np.full((height, width), -1, np.int32)
     count = 0

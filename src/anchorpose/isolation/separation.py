@@ -1,5 +1,6 @@
-"""Label each pixel with a person (transient occlusion; paper, Section III). The label is the owner of the most likely
-skin there, else the person to whom the pixel is connected without a crease, else the nearest person.
+"""Label each pixel with the person whom it shows (people who hide each other for a time are the transient occlusion of
+the paper, Section III). The label is the owner of the most likely skin there, else the person to whom the pixel is
+connected without a crease, else the nearest person.
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels; near skin of several people, likelihoods decide pixels in every second row and column; regions grow over the
-# other pixels
+# pixels, step in rows and columns between the pixels that likelihoods decide near the skin of several people; the other
+# pixels are decided by region growing
 DECISION_PX: Final = 2
 # m, maximum distance of a detached piece from its person: a bar's width plus the distance that a hidden forearm moves
 DETACHED_M: Final = 0.12
 # m, added in quadrature to the standard deviation of remembered skin of people without a fitted body, so that this skin
 # does not win against skin predicted from a body
 UNSUPPORTED_SIGMA_M: Final = 0.04
-FIRST_EARLIER_LABEL: Final = 128  # first label of people who are first seen in the backward pass
+# first label of people who are first seen in the backward pass (tracking against the order of time)
+FIRST_EARLIER_LABEL: Final = 128
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
-    """Label each camera's pixels in a frame without knowledge from earlier frames.
+    """Label each camera's pixels by person in a single frame, without knowledge from other frames.
 
     The patient is the person nearest to the chosen place.
     """
@@ -75,10 +77,11 @@ def separate(
     """Label each camera's pixels by the people seen ``elapsed_s`` ago and, if given, by predicted skin.
 
     expected: predicted skin of some people; the skin of all other people is expected where it was seen last. (1) A
-    pixel gets the most likely owner if this owner leads clearly (``decide_ownership``). (2) Other pixels get the person
-    to whom they are connected (``grow_regions``). (3) A separate piece, such as a forearm that a bar cuts off, gets the
-    person that it nearly touches. (4) A remaining piece that the learnt descriptor takes for a person is a new person.
-    elapsed_s: negative in the backward pass, in which new people get labels from another range.
+    pixel gets the most likely owner if this owner is clearly more likely than every other person
+    (``decide_ownership``). (2) Other pixels get the person to whom they are connected (``grow_regions``). (3) A
+    separate piece, such as a forearm that a bar cuts off, gets the person that it nearly touches. (4) A remaining piece
+    that the learnt descriptor takes for a person is a new person. elapsed_s: negative in the backward pass, in which
+    new people get labels from another range.
     """
     shown = [pixels for pixels in pieces if pixels is not None]
     of_shown = [camera for pixels, camera in zip(pieces, cameras, strict=True) if pixels is not None]
@@ -99,7 +102,7 @@ def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
-    """Return (n,) uint8 owner of each foreground pixel by likelihood alone."""
+    """Return the owner (n,) uint8 of each foreground pixel as decided by likelihood alone; ``NOBODY`` if undecided."""
     if grid is None:
         return np.zeros(len(pixels.row), np.uint8)
     return decide_ownership(grid, pixels.points_m, _decision_pixels(pixels))

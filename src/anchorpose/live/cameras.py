@@ -35,8 +35,8 @@ GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system
 
 @dataclass(slots=True, eq=False)
 class RealSense:
-    """A started RealSense camera. cameras: this camera alone; about: see ``LiveSource``; pipeline: the object of
-    pyrealsense2 that delivers the images.
+    """A started RealSense camera. cameras: a tuple with only this camera; about: a recording with facts about the room
+    and the patient, or None (see ``LiveSource``); pipeline: the object of pyrealsense2 that delivers the images.
     """
 
     name: str
@@ -45,7 +45,7 @@ class RealSense:
     pipeline: Any
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images as ``LiveSource`` requires."""
+        """Yield images until ``stop`` is set, as ``LiveSource.images`` requires."""
         last_s = time.monotonic()
         try:
             while not stop.is_set():
@@ -69,8 +69,8 @@ class RealSense:
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
-    about: see ``LiveSource``. Raises MissingPackage without pyrealsense2 or the system's libusb, AnchorposeError if
-    no such camera exists.
+    about: see ``LiveSource``. Raises MissingPackage if pyrealsense2 or the system's libusb is missing, AnchorposeError
+    if the camera cannot be started, for example because it does not exist, or if its lens model is unknown.
     """
     try:
         import pyrealsense2 as rs
@@ -84,8 +84,8 @@ def open_realsense(serial: str, about: Recording | None) -> RealSense:
 
 
 def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> RealSense:
-    """Start the depth stream that ``config`` selects, of a camera or of a file that librealsense plays. rs: the module
-    pyrealsense2.
+    """Start the depth stream that ``config`` selects, from a camera or from a recorded file that librealsense plays.
+    rs: the module pyrealsense2.
     """
     pipeline = rs.pipeline()
     try:
@@ -109,8 +109,8 @@ def start(rs: Any, config: Any, about: Recording | None, serial: str = "") -> Re
 
 
 def _lens(rs: Any, found: Any) -> Intrinsics:
-    """Return the lens. RealSense's depth images are undistorted; if the camera states a distortion nevertheless, the
-    distortion model must be Brown-Conrady.
+    """Return the lens as ``Intrinsics``. Depth images of RealSense cameras usually have no distortion. If the camera
+    states a distortion, its distortion model must be Brown-Conrady; raises AnchorposeError for any other model.
     """
     if any(found.coeffs) and found.model != rs.distortion.brown_conrady:
         raise AnchorposeError(f"The camera's lens model ({found.model}) is not known: record with its own program.")
@@ -119,8 +119,8 @@ def _lens(rs: Any, found: Any) -> Intrinsics:
 
 
 def _taken(depth: Any) -> float:
-    """Return the time at which an image was taken, by ``time.monotonic``. If the device's clock cannot be related to
-    the computer's, return the time at which the image arrived.
+    """Return the time at which an image was taken, by ``time.monotonic``. Return the present time instead if the
+    time stamp is not on the computer's clock, or if it is 1 s old or older, or in the future.
     """
     now_s = time.monotonic()
     if str(depth.get_frame_timestamp_domain()) not in GLOBAL_CLOCKS:
@@ -130,13 +130,15 @@ def _taken(depth: Any) -> float:
 
 
 PYTHON_VARIABLE: Final = "ANCHORPOSE_ORBBEC_PYTHON"
-"""The environment variable that names a Python with pyorbbecsdk2; by default, this program's Python is used."""
+"""Name of the environment variable that holds the path of a Python interpreter with pyorbbecsdk2; if the variable is
+not set, the interpreter that runs this program is used.
+"""
 
 
 @dataclass(slots=True, eq=False)
 class Orbbec:
-    """An Orbbec camera that another process reads (``orbbec_process``). cameras: this camera alone; errors: the file
-    that holds the process's standard error.
+    """An Orbbec camera that another process reads (``orbbec_process``). cameras: a tuple with only this camera; errors:
+    the file that holds the process's standard error.
     """
 
     name: str
@@ -144,11 +146,11 @@ class Orbbec:
     about: Recording | None
     process: subprocess.Popen[bytes]
     errors: IO[bytes]
-    first: bytes  # header of the first image; opening the camera has read it, since it has the depth scale
+    first: bytes  # header of the first image; ``open_orbbec`` reads this header, since it states the depth scale
     _asked_s: float = np.inf  # when waiting for an image began, by time.monotonic; inf if no image is awaited
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images as ``LiveSource`` requires."""
+        """Yield images until ``stop`` is set, as ``LiveSource.images`` requires."""
         watching = Thread(target=self._end_process, args=(stop,), daemon=True)
         watching.start()
         header = self.first
@@ -169,7 +171,7 @@ class Orbbec:
             self.errors.close()
 
     def _grey(self, scale: float, size: int) -> np.ndarray | None:
-        """Read an image of ``size`` bytes; None if the process ends inside it."""
+        """Read an image of ``size`` bytes from the process; return None if the process ends before the last byte."""
         camera = self.cameras[0].camera
         if size != 2 * camera.height * camera.width or not np.isclose(scale, camera.depth_scale):
             raise AnchorposeError("the camera changed its image size or its unit of depth; start again")
@@ -184,8 +186,8 @@ class Orbbec:
         return data
 
     def _end_process(self, stop: Event) -> None:
-        """End the process when ``stop`` is set or no image came for ``STALL_S``; this also ends the reading from the
-        process.
+        """End the process when ``stop`` is set or no image came for ``STALL_S`` seconds. When the process has ended,
+        ``_read`` stops waiting for its output.
         """
         while self.process.poll() is None:
             if stop.wait(0.1) or self._stalled:
@@ -201,12 +203,13 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
     about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
-    Raises AnchorposeError if no such camera is found, if the Python of the process has no pyorbbecsdk2, or if the
-    process writes anything else first.
+    Raises AnchorposeError if the process ends before the first image, for example because no such camera is found or
+    its Python has no pyorbbecsdk2, or if the first line that the process writes is not a JSON object.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
-    # a file, not a pipe: a pipe that is not read would block a process that writes much to standard error
+    # standard error goes to a file, not to a pipe: this program does not read it meanwhile, and a full pipe would block
+    # the process
     errors = TemporaryFile()  # noqa: SIM115 closed by ``Orbbec.images``
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors)
     out = _out(process)
@@ -223,8 +226,8 @@ def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = (
 
 
 def _found(line: bytes, process: subprocess.Popen[bytes], errors: IO[bytes]) -> dict[str, Any]:
-    """Return the camera that the process's first line describes; end the process and raise AnchorposeError if the line
-    is not JSON.
+    """Return the description of the camera from the first line that the process wrote. If this line is not a JSON
+    object, end the process and raise AnchorposeError.
     """
     try:
         return dict(json.loads(line))
@@ -270,13 +273,15 @@ def _why_ended(process: subprocess.Popen[bytes], errors: IO[bytes]) -> str:
 
 
 LATE_S: Final = 0.25
-"""Maximum age in s of an image that is played; older images are dropped, since a camera, too, overwrites images that
-were not read.
+"""Maximum delay in s with which an image is played. Images with a longer delay are dropped, since a real camera also
+overwrites images that were not read in time.
 """
 
 
 class Playback:
-    """A source that plays a recording: each image comes at its recorded time, and damaged images are left out."""
+    """A source that plays a recording in real time: the images come at their recorded intervals. Damaged images are
+    left out, and so are images that are late by more than ``LATE_S``.
+    """
 
     def __init__(self, recording: Recording) -> None:
         self.name = recording.folder.resolve().name
@@ -290,7 +295,7 @@ class Playback:
         )
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images as ``LiveSource`` requires."""
+        """Yield images until the recording ends or ``stop`` is set, as ``LiveSource.images`` requires."""
         first_s, began_s = self._order[0][0], time.monotonic()
         for when, camera, place in self._order:
             due_s = began_s + when - first_s

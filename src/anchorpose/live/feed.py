@@ -21,9 +21,9 @@ from anchorpose.sources.plan import CameraPlan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveImage:
-    """One depth image. camera: index of the camera; number: running number of the image in its source, which also
-    counts lost images; time_s: time on the device's clock; taken_s: when the image was taken, by ``time.monotonic``;
-    grey (height, width) uint16, 0 = no reading.
+    """A depth image of a running camera. camera: index of the camera; number: running number of the image in its
+    source, where lost images are counted, too; time_s: time on the device's clock; taken_s: when the image was taken,
+    by ``time.monotonic``; grey (height, width) uint16: depth in units of the camera's ``depth_scale``, 0 = no reading.
     """
 
     camera: int
@@ -34,10 +34,11 @@ class LiveImage:
 
 
 class LiveSource(Protocol):
-    """Cameras that are read together, in the order of their indices.
+    """A source of live images: one or several cameras that are read together. ``LiveImage.camera`` is an index into
+    ``cameras``.
 
-    name: the source's name in messages to the user; about: a recording whose equipment, empty room and patient also
-    apply to these cameras; None without such a recording.
+    name: the source's name in messages to the user; about: a recording whose equipment, images of the empty room and
+    data on the patient also apply to these cameras; None without such a recording.
     """
 
     name: str
@@ -53,11 +54,13 @@ class LiveSource(Protocol):
 
 
 def about_folder(sources: Sequence[LiveSource]) -> Path | None:
-    """Return the folder of the first source's recording (``about``); None if no source has such a recording."""
+    """Return the folder of the first recording that any source has as ``about``; None if no source has such a
+    recording.
+    """
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-# A receiver of images. It returns the reason if it could not keep an image, else None.
+# A function that is called with each image. It returns the reason if it could not keep the image, else None.
 Taker = Callable[[LiveImage], str | None]
 STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 REPORT_S: Final = 10.0  # s between two messages about the cameras
@@ -94,8 +97,8 @@ class Intake:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Return sentences on the failures so far, and on the number of images that could not be recorded for each
-        reason.
+        """Return a sentence on each failure so far and, for each reason why images could not be recorded, a sentence
+        with the number of these images.
         """
         lost = (f"{count} depth images could not be recorded ({why})" for why, count in self._not_kept.items())
         return (*self.failures, *lost)
@@ -175,9 +178,9 @@ SILENT_S: Final = 0.5  # s; a camera that has sent no image for this time is sil
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSet:
-    """A set of images, one per camera that the feed uses, taken at about the same time. reference: index of the
-    reference camera in the set; taken_s: when this camera's image was taken, by ``time.monotonic``; skipped: number of
-    this camera's unused images since the previous set.
+    """A set of images, one per camera that the feed uses, taken at about the same time. reference: index, in
+    ``images``, of the reference camera, whose image determines the time of the set; taken_s: when this image was taken,
+    by ``time.monotonic``; skipped: number of the reference camera's unused images since the previous set.
     """
 
     images: tuple[LiveImage | None, ...]
@@ -189,7 +192,8 @@ class LiveSet:
         """Return the set in the form that tracking reads, with times on the first camera's clock. Images that cannot be
         used are left out, and reported in the frame set's ``problems``.
 
-        clocks: one per camera. The frame has the number of the first camera's image, or 0 if this camera has none.
+        clocks: one per camera. The frame's number is the number of the first camera's image, or 0 if the set has no
+        image of this camera.
         """
         times = [
             None if image is None else float(clock.reference_s(np.array([image.time_s]))[0])
@@ -205,9 +209,9 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    The reference camera is the first camera in use that is not silent; the time of its image is the time of the set. A
-    set is complete when every camera in use that is not silent has delivered an image of the set's time or later, or
-    when that time is longer ago than the usual interval between images.
+    The reference camera is the first camera in use that is not silent (``SILENT_S``); the time of its image is the time
+    of the set. A set is complete when every camera in use that is not silent has delivered an image of the set's time
+    or later, or when that time is longer ago than the usual interval between images.
     """
 
     def __init__(self, count: int) -> None:
@@ -224,7 +228,7 @@ class Feed:
             self._used, self._last = cameras, None
 
     def put(self, image: LiveImage) -> None:
-        """Add an image of a camera, in the order in which the camera takes them."""
+        """Add an image. The images of a camera must be added in the order in which they were taken."""
         with self._changed:
             self._images[image.camera].append(image)
             self._changed.notify_all()
@@ -236,7 +240,8 @@ class Feed:
             self._changed.notify_all()
 
     def take(self, patience_s: float) -> LiveSet | None:
-        """Wait for a complete set that is newer than the set taken last; return the newest such set.
+        """Wait for a complete set that is newer than the set that this method returned last; return the newest such
+        set.
 
         Return None if no more images come, or if no set is complete within ``patience_s``.
         """
@@ -270,8 +275,8 @@ class Feed:
         return all(not images or images[-1].taken_s <= self._last_s for images in used)
 
     def _skipped(self, reference: int, main: LiveImage) -> int:
-        """Return the number of unused images of the reference camera since the previous set; 0 if that set had another
-        reference.
+        """Return the number of unused images of the reference camera since the previous set; 0 if no previous set
+        exists or if the previous set had another reference camera.
         """
         before = None if self._last is None else self._last.images[reference]
         if self._last is None or before is None or self._last.reference != reference:
@@ -283,7 +288,7 @@ class Feed:
         return not images or now_s - images[-1].taken_s > SILENT_S
 
     def _newest(self, now_s: float) -> LiveSet | None:
-        """Return the newest complete set that was not taken yet, None without such a set."""
+        """Return the newest complete set that ``take`` has not returned yet; None without such a set."""
         awake = [k for k in self._used if not self._is_silent(k, now_s)]
         if not awake:
             return None
@@ -302,7 +307,8 @@ class Feed:
                 )
                 place = self._used.index(reference)
                 return LiveSet(images, place, main.taken_s, self._skipped(place, main))
-            if age_s < half_s:  # the other cameras' images may still come, up to half an interval late
+            # the feed waits: images of the other cameras that belong to this set may come up to half an interval later
+            if age_s < half_s:
                 return None
         return None
 

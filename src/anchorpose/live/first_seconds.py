@@ -35,8 +35,8 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# Minimum score of the initial frame, as a share of the best frame's score. A lower share permits a later initial frame,
-# so fewer recorded frames must be tracked before live tracking begins.
+# Minimum score of the initial frame, in which tracking begins, as a share of the best frame's score. A lower share
+# permits a later initial frame, so fewer recorded frames must be tracked before live tracking begins.
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -60,16 +60,16 @@ class LiveOptions:
     markers: str | None = None
 
     def live(self, config: TrackConfig) -> TrackConfig:
-        """Return the settings, changed so that tracking awaits ``wait_frames`` later frames for each frame."""
+        """Return ``config``, changed so that tracking reports a frame only after ``wait_frames`` later frames."""
         return replace(config, follow=replace(config.follow, look_ahead=1 + self.wait_frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class User:
-    """The user's connections to a running session. say: function that receives sentences; stop: event that ends the
-    session; asked: function that returns the number (``PersonInView``) of the person whom the user chose as the new
-    patient, once per choice, else None; keep_markers: function that is called if the session is recorded; its argument
-    is a function that stores a marker of the user in the recording.
+    """The user's connections to a running session. say: function that shows a sentence to the user; stop: event that
+    ends the session; asked: function that returns the number (``PersonInView``) of the person whom the user chose as
+    the new patient, once per choice, else None; keep_markers: function that is called if the session is recorded; its
+    argument is a function that stores a marker of the user in the recording.
     """
 
     say: Say
@@ -80,7 +80,9 @@ class User:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """The result of the first seconds: the room with the patient in it, and the patient's body."""
+    """The result of analysing the first seconds. run: the room in which the patient was found, and the settings of
+    tracking; learnt: the patient's body.
+    """
 
     inputs: TrackInputs
     run: Run
@@ -101,8 +103,8 @@ class FirstSeconds:
     user: User
 
     def record(self, name: str, whom: str) -> Recording:
-        """Record the next seconds into a new recording. whom: words that stand for the recorded person in messages to
-        the user.
+        """Record the next ``start_s`` seconds (``LiveOptions``) into a new recording called ``name``. whom: words that
+        stand for the recorded person in messages to the user.
 
         Raises AnchorposeError if the recording cannot be made.
         """
@@ -143,9 +145,9 @@ class FirstSeconds:
         """Learn, in a known room, the body of the person who is nearest to ``place_xz_m`` in the first frame in which
         any person stands at this place.
 
-        before_xz_m (2,): where the present patient stands, None if unknown. Return None if no person stands at the
-        place, if this person is the present patient, or if the body learnt from this person does not have a human's
-        height.
+        before_xz_m (2,): where the present patient stands, None if unknown. Return None if no person stands at
+        ``place_xz_m``, if the person found at this place is nearer to ``before_xz_m`` than to the place (probably the
+        present patient), or if the learnt body does not have a human's height.
         """
         inputs, furnished = known_room(recording, self.options, room, place_xz_m)
         if not furnished.initial_frames:
@@ -178,7 +180,7 @@ def learn_in(room: Room, inputs: TrackInputs) -> Prepared | None:
 
 
 def latest_good(frames: Sequence[InitialFrame]) -> InitialFrame:
-    """Return the latest frame that shows the patient nearly as well as the best frame does."""
+    """Return the latest frame whose score is at least ``NEARLY_AS_GOOD`` times the best frame's score."""
     best = max(one.score for one in frames)
     return max((one for one in frames if one.score >= NEARLY_AS_GOOD * best), key=lambda one: one.frame)
 
@@ -205,8 +207,8 @@ def known_room(
 
 
 def in_room(folder: Path, room: Room) -> Recording:
-    """Open the recording in ``folder``, with the cameras, their clocks and poses, and the data about the patient of
-    ``room``. Raises InputError if the recording lacks a camera of the room.
+    """Open the recording in ``folder``. Its cameras with their poses, its clocks and its data about the patient are
+    taken from ``room``. Raises InputError if the recording lacks a camera of the room.
     """
     found, known = open_recording(folder), room.recording
     names = [camera.name for camera in found.cameras]
@@ -217,16 +219,19 @@ def in_room(folder: Path, room: Room) -> Recording:
     return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
-STEP_S: Final = 0.2  # s, minimum time between two collected sets, in which patients in a standing frame move little
+# s, minimum time between two image sets that ``Backlog`` collects; patients in a standing frame move little in this
+# time
+STEP_S: Final = 0.2
 # s, maximum gap between tracked frames, since after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0
-PACE: Final = 2.0  # minimum speed of tracking collected sets, relative to real time; above 1, the backlog shrinks
+# minimum speed at which collected sets are tracked, as a multiple of real time; above 1, the backlog shrinks
+PACE: Final = 2.0
 PATIENCE_S: Final = 0.5
 
 
 class Backlog:
-    """A thread that collects the image sets that arrive while the first seconds are analysed. It ends when all of them
-    are taken.
+    """A thread that collects the image sets that arrive while the first seconds are analysed. The thread ends when
+    every collected set has been taken, when ``drop`` is called, or when the feed ends.
     """
 
     def __init__(self, feed: Feed, cameras: Sequence[Camera]) -> None:
@@ -241,9 +246,9 @@ class Backlog:
     def take(self) -> LiveSet | None:
         """Return the oldest waiting set. When no set waits, return None and stop collecting.
 
-        If tracking a set takes longer than the interval between sets, some sets are left out so that the backlog
-        shrinks: the next set is the first that is younger than the previous one by ``PACE`` times the tracking time, or
-        by ``MOST_STEP_S`` if this is less.
+        If tracking is slow, some sets are left out so that the backlog shrinks: the next set is the first that is later
+        than the previous set by at least a certain step, or the newest set if no set is so late. The step is ``PACE``
+        times the time since the previous set was returned (in which it was tracked), but at most ``MOST_STEP_S``.
         """
         now_s = time.monotonic()
         spent_s = now_s - self._taken_at_s if np.isfinite(self._last_s) else 0.0

@@ -27,8 +27,9 @@ LONGEST_MS: Final = 60_000  # ms, maximum latency that is counted; larger latenc
 
 
 class LatencyMeter:
-    """A meter of latency that counts frames by the milliseconds from image to joints, in constant memory. dropped:
-    number of images that were not tracked.
+    """A meter of the latency from taking an image to sending its joints. It counts how many frames have each latency
+    in whole milliseconds, so its memory does not grow with the session. dropped: number of images that were not
+    tracked.
     """
 
     def __init__(self) -> None:
@@ -72,7 +73,8 @@ ROUNDING_S: Final = 1e-5  # s, tolerance in comparing times, which are recorded 
 @dataclass(slots=True, eq=False)
 class LiveFollower:
     """The tracker of a live patient, which takes image sets in the order of time. patient: the person who is or was the
-    patient; with_labels: whether to store person labels, which are of use only with a recording of the depth images.
+    patient; with_labels: whether to store the person label of each pixel; labels are of use only if the depth images
+    are recorded, too.
     """
 
     patient: LivePatient
@@ -93,7 +95,9 @@ class LiveFollower:
     _holding: Mapping[str, bool] | None = None
 
     def take(self, live_set: LiveSet, live: bool) -> None:
-        """Track an image set. live: whether it is the newest set; only then joints are sent and the latency counts."""
+        """Track an image set. live: whether this set is the newest; only then are joints sent to the outputs and their
+        latency counted.
+        """
         room = self.patient.run.room
         frame_set = live_set.frame_set(room.recording.cameras, room.clocks.clocks)
         self._step(frame_set, live_set.taken_s, live, live_set.skipped if live else 0)
@@ -160,8 +164,8 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """Find the present contacts with people and equipment. Call this after the frame was sent, so that sending is
-        not delayed; the contacts are sent with the next frame.
+        """Find the present contacts with people and equipment. This method is called after the frame was sent, so that
+        it does not delay sending; the contacts are sent with the next frame.
         """
         if self._contacts is None:
             run = self.patient.run

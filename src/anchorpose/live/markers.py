@@ -29,7 +29,7 @@ LONGEST_TEXT: Final = 200
 SHORTEST_S: Final = 0.001  # s, minimum duration of a trial, so that two markers sent at once do not form a trial
 
 FIND_S: Final = 5.0
-"""Maximum time in s for which the program searches a stream on the network."""
+"""Maximum time in s for which the program searches the network for a stream."""
 
 WAIT_S: Final = 0.2
 
@@ -108,7 +108,9 @@ class MarkerInlet:
     """A reader of a marker stream (Lab Streaming Layer) that reads in its own thread from ``start`` to ``stop``."""
 
     def __init__(self, name: str) -> None:
-        """Raise MissingPackage without pylsl, AnchorposeError if no stream has this name within ``FIND_S``."""
+        """Find the stream called ``name``. Raises MissingPackage if pylsl is missing, AnchorposeError if no such stream
+        of texts is found within ``FIND_S`` seconds, or if ``name`` contains a quote (').
+        """
         try:
             import pylsl
         except (ImportError, RuntimeError):  # RuntimeError: the library of pylsl does not load on this system

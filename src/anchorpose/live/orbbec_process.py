@@ -42,7 +42,9 @@ def main() -> int:
         return 0
     finally:
         pipeline.stop()
-    return refuse(problem)  # last, since stopping may print, and the last line of standard error is the reason
+    # printed after ``pipeline.stop``, which may print, too: anchorpose shows the last line of standard error as the
+    # reason
+    return refuse(problem)
 
 
 def claim_output() -> BinaryIO:

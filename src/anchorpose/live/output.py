@@ -23,13 +23,15 @@ if TYPE_CHECKING:
     from pythonosc.osc_bundle_builder import OscBundleBuilder
 
 
-TOP: Final = 0.98  # quantile of the heights of a person's points that counts as the top; higher points may be outliers
+# quantile of the heights of a person's points that counts as the top of the head; higher points may be outliers
+TOP: Final = 0.98
 
 
 @dataclass(frozen=True, slots=True)
 class PersonInView:
-    """A person in view who is not the patient. number: counted from 1, the same while the person is followed;
-    place_xz_m: place on the floor, world; top_m: height (Y) of the top of the head.
+    """A person in view who is not the patient. number: number of the person, counted from 1; it stays the same while
+    the person is followed; place_xz_m: x and z of the person's place on the floor, in the world frame; top_m: height
+    (y) of the top of the head.
     """
 
     number: int
@@ -54,10 +56,11 @@ class LiveFrame:
     frame: number of the frame; time_s: its time on the first camera's clock; taken_s: when its images were taken, by
     ``time.monotonic``. joints_m (21, 3) world, sigma_m (21,), NaN where a joint is lost; state_code (21,): index into
     ``JointState``. why_lost: the reason if all joints are lost, else empty. touched: parts of the patient (``REGIONS``)
-    that other people touched in the previous frame, each with whether the contact was seen; None if contacts are
-    unknown. dropped: number of images that were not tracked since live tracking began. people: all other people in
-    view; patient: number of the patient, which begins with 1 and increases by 1 whenever another person becomes the
-    patient. holding: parts of the patient that touch the equipment, in the form of ``touched``.
+    that other people touched in the previous frame; the value of each part states whether a camera saw the contact;
+    ``touched`` is None if contacts are unknown. dropped: number of images that were not tracked since live tracking
+    began. people: all other people in view; patient: number of the patient, which begins with 1 and increases by 1
+    whenever another person becomes the patient. holding: parts of the patient that touch the equipment, in the form of
+    ``touched``.
     """
 
     frame: int
@@ -80,7 +83,7 @@ class LiveFrame:
 
     @property
     def joint_table(self) -> JointTable:
-        """Return a table of this frame only."""
+        """Return the joints of this frame as a table with this frame only."""
         return JointTable(
             frame=np.array([self.frame], np.int32),
             time_s=np.array([self.time_s]),
@@ -111,7 +114,9 @@ class Output(Protocol):
 
 
 class Outputs:
-    """All receivers of frames. A receiver that fails gets no more frames, and ``failed`` has a sentence about it."""
+    """All receivers of frames. A receiver that fails gets no more frames, and ``failed`` gets a sentence on the
+    failure.
+    """
 
     def __init__(self, outputs: Sequence[Output]) -> None:
         self._outputs = list(outputs)
@@ -139,7 +144,9 @@ PARTS: Final = (
     ("sigma", "Sigma", "meters"),
     ("state", "State", "code"),
 )
-"""Suffix, type and unit of each channel of a joint; state is an index into ``JointState``, where 0 is observed."""
+"""The channels of a joint in the stream: suffix of the channel's label, type and unit. The channel ``state`` has an
+index into ``JointState``, where 0 is observed.
+"""
 
 ANGLE_PARTS: Final = (("", "Angle", "degrees"), ("sigma", "Sigma", "degrees"), ("state", "State", "code"))
 
@@ -152,7 +159,7 @@ class LslOutput:
     name = "LSL"
 
     def __init__(self) -> None:
-        """Raise MissingPackage without pylsl."""
+        """Open both streams; raises MissingPackage if the package pylsl cannot be loaded."""
         try:
             import pylsl
         except (ImportError, RuntimeError):
@@ -162,7 +169,7 @@ class LslOutput:
         self._angles = self._outlet(pylsl, "anchorpose-angles", "Angles", ANGLE_NAMES, ANGLE_PARTS)
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame, see ``Output``."""
+        """Send a frame as a sample of each stream (see ``Output.send``)."""
         stamp = self._clock() - (time.monotonic() - frame.taken_s)
         joints = np.column_stack([frame.joints_m, frame.sigma_m, frame.state_code]).astype(np.float32)
         self._joints.push_sample(joints.ravel().tolist(), stamp)
@@ -197,13 +204,15 @@ class LslOutput:
 
 
 class OscOutput:
-    """OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in metres;
-    /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a value,
-    has only its name and state.
+    """An output that sends OSC messages: /anchorpose/frame number seconds; /anchorpose/joint name x y z sigma state, in
+    metres; /anchorpose/angle name degrees sigma state; /anchorpose/patient number. A lost joint, or an angle without a
+    value, has only its name and state.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Raise MissingPackage without python-osc, OSError if the host is unknown."""
+        """Prepare to send to ``host`` and ``port``; raises MissingPackage if python-osc is missing, OSError if the host
+        is unknown.
+        """
         try:
             from pythonosc import osc_bundle_builder, osc_message_builder
             from pythonosc.udp_client import UDPClient
@@ -215,7 +224,7 @@ class OscOutput:
         self._now = osc_bundle_builder.IMMEDIATELY
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame, see ``Output``; UDP does not wait for a receiver."""
+        """Send a frame as one bundle of messages (see ``Output.send``); UDP does not wait for a receiver."""
         bundle = self._bundle(self._now)
         self._add(bundle, "/anchorpose/frame", int(frame.frame), float(frame.time_s))
         for row, name in enumerate(JOINT_NAMES):

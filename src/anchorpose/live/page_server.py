@@ -32,10 +32,11 @@ from anchorpose.viewer.guarded_server import LIVE_PAGE, GuardedHandler, GuardedS
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The patient's posture and load in one frame. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``; upright_s:
-    total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma: its standard deviation;
-    both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether any joint that determines
-    ``upright`` was not seen; load_inferred: whether any joint that determines the load was not seen.
+    """The patient's posture and the load on the feet in one frame. upright: ``UPRIGHT``, ``NOT_UPRIGHT`` or
+    ``UNKNOWN``; upright_s: total time upright so far. load_left: the left foot's share of the load, 0 to 1; load_sigma:
+    its standard deviation; both are None if the patient is not upright or ``feet_load`` is unknown. inferred: whether
+    any joint that determines ``upright`` was not seen; load_inferred: whether any joint that determines the load was
+    not seen.
     """
 
     upright: int
@@ -47,8 +48,8 @@ class Standing:
 
 
 class UprightClock:
-    """A clock of upright time that takes frames in order. The clock defines upright as ``anchorpose measure`` does, but
-    uses no later frames.
+    """A clock that sums the time for which the patient stands upright. It takes frames in the order of time, and
+    defines upright as ``anchorpose measure`` does, but without using later frames.
 
     The leg length that this definition needs is taken from the joints of each frame. The time between two upright
     frames counts if they are at most half a second apart; in a longer gap, the patient might have sat down and stood
@@ -60,7 +61,7 @@ class UprightClock:
         self._upright, self._upright_s, self._last_s = UNKNOWN, 0.0, float("-inf")
 
     def push(self, joints: JointTable) -> Standing:
-        """Add the joints of one frame, and return the state of standing after this frame."""
+        """Add the joints of one frame; return posture, upright time and load on the feet after this frame."""
         body, time_s, before = centre_of_mass(joints), float(joints.time_s[0]), self._upright
         shown = stance(joints, body.position_m)
         limits = upright_limits(shown, self._config)
@@ -88,7 +89,8 @@ class UprightClock:
 
 EVENTS: Final = "events"
 STREAM: Final = "text/event-stream"
-SIGN_OF_LIFE_S: Final = 1.0  # s, maximum time between two messages; they show the page that the program still runs
+# s, maximum time between two messages to a page; the messages show that the program still runs
+SIGN_OF_LIFE_S: Final = 1.0
 CLIENT_PATIENCE_S: Final = 5.0  # s, maximum time for which a client reads nothing before it is dropped
 # Size of the socket's buffer in bytes, enough for some frames. With a larger buffer, a slow client would get frames
 # with a delay of seconds.
@@ -97,7 +99,8 @@ EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
 
 class PageOutput:
-    """A running server of the page, in separate threads; see ``Output``. address: the address to open, with the token.
+    """An ``Output`` that serves the live page from separate threads. address: the address that a browser must open; it
+    includes the secret token.
 
     has_markers: whether the page has keys and buttons that set markers (conditions and ratings); only a recording can
     store markers. Raises AnchorposeError if the server cannot listen on ``host`` and ``port``.
@@ -118,7 +121,7 @@ class PageOutput:
         return self._server.address
 
     def send(self, frame: LiveFrame) -> None:
-        """Send a frame, see ``Output``."""
+        """Make this frame the newest frame of the page (see ``Output.send``)."""
         if frame.patient != self._patient:  # the upright time of a new patient begins at 0
             self._clock, self._patient = UprightClock(UprightConfig()), frame.patient
         standing, people = self._clock.push(frame.joint_table), frozenset(one.number for one in frame.people)
@@ -208,7 +211,9 @@ class _Newest:
         self._asked: int | None = None
 
     def put(self, name: str, value: Callable[[], Any], people: frozenset[int] | None = None) -> None:
-        """Replace an event by a newer one; people: numbers of the people who may be chosen, None: as before."""
+        """Replace the event called ``name`` by a newer event. value: function that returns the event's value for JSON;
+        people: numbers of the people who may be chosen, None if they are the same as before.
+        """
         with self._changed:
             self._count += 1
             self._events[name] = (self._count, value)
@@ -225,8 +230,8 @@ class _Newest:
             self._asked = number
 
     def take_asked(self) -> int | None:
-        """Return the number of the person whom a client chose. After this, no person can be chosen before the next
-        frame.
+        """Return the number of the person whom a client chose; None if no person was chosen since the last call. After
+        a choice was returned, no person can be chosen before the next frame.
         """
         with self._changed:
             asked, self._asked = self._asked, None

@@ -30,9 +30,9 @@ def record_live(
 ) -> Path:
     """Record all sources into ``out`` until they end, ``stop`` is set or ``seconds`` have passed.
 
-    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: name of the marker
-    stream to keep. Failures of cameras become notes of the recording. Raises AnchorposeError if no camera gives an
-    image, or if the stream does not exist.
+    empty_room_s: seconds for which the empty room is recorded first; 0: it is not recorded. markers: name of the Lab
+    Streaming Layer stream whose markers are recorded, None for no stream. Failures of cameras become notes of the
+    recording. Raises AnchorposeError if no camera gives an image, or if the marker stream is not found.
     """
     about = about_folder(sources)
     check_place(out, about)
@@ -62,8 +62,9 @@ def record_live(
 
 
 def _wait(intake: Intake, recorder: Recorder, seconds: float | None, say: Callable[[str], None], stop: Event) -> int:
-    """Wait for the end of the recording, and report how it goes; a recorder that gets no more images, as on a nearly
-    full disk, is the end. Return how many failures were reported.
+    """Wait for the end of the recording, and report its progress and failures to the user. The recording also ends when
+    ``recorder`` gets no more images, because it refused an image, for example on a nearly full disk. Return the number
+    of failures that were reported.
     """
     said = 0
     began_s = reported_s = time.monotonic()
@@ -105,8 +106,8 @@ def _record_empty_room(
 
 
 def median_reading(grey: np.ndarray) -> np.ndarray:
-    """Return each pixel's median (height, width) uint16 of its readings in the images (n, height, width) uint16; 0
-    where most of the images have no reading.
+    """Return the median (height, width) uint16 of images (n, height, width) uint16. Each pixel has the median of its
+    readings, or 0 if most of the images have no reading there.
     """
     ordered = np.sort(grey, axis=0)  # a missing reading is 0, so it comes first
     empty = (grey == 0).sum(axis=0)

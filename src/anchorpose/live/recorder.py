@@ -35,10 +35,15 @@ UNFINISHED_FILE: Final = "recording.unfinished.json"
 
 EMPTY_ROOM_FILE: Final = "background.png"
 IMAGE_NAME: Final = re.compile(r"\d{6,}\.png")
-SYNC_S: Final = 1.0  # s, maximum time between writes to the disk, and so the time that a power cut can erase
+# s, time between two flushes of new images and their times to the disk; a power cut can erase about this duration
+SYNC_S: Final = 1.0
 ROOM_EVERY: Final = 100  # number of images between two checks of the free disk space
-CLOCK_STEP_S: Final = 0.1  # s, minimum change between two images that counts as a set clock; images come 0.03 s apart
-LATE_IMAGES: Final = 100  # maximum number of images that come late in a row, as after a stall of the disk for 3 s
+# s, minimum change of a camera clock's offset between two images that is noted as a setting of this clock; images come
+# 0.03 s apart
+CLOCK_STEP_S: Final = 0.1
+# number of newest images from which a camera clock's offset is computed; the disk may stall for 3 s, and up to this
+# many successive images then come late
+LATE_IMAGES: Final = 100
 LEAST_FREE_BYTES: Final = 500_000_000  # minimum free disk space; the system and the results also need space
 
 
@@ -97,9 +102,10 @@ class Recorder:
         return None
 
     def _follow_clock(self, image: LiveImage) -> float:
-        """Note the offset between a camera's clock and ``time.monotonic``; return the change since the image before.
+        """Store the offset between a camera's clock and ``time.monotonic``; return its change since the previous image.
 
-        An image that a busy computer takes late has a smaller offset, so the largest of the last images counts.
+        If a busy computer receives an image late, this image gives too small an offset. So the camera's offset is the
+        largest offset of its last ``LATE_IMAGES`` images.
         """
         offsets_s = self._offsets_s[image.camera]
         offsets_s.append(image.time_s - image.taken_s)
@@ -110,7 +116,7 @@ class Recorder:
 
     def _write(self, image: LiveImage, step_s: float) -> Path | None:
         """Write an image as ``CameraWriter`` does; if its camera restarted, or if the camera's clock was set by
-        ``step_s``, also write a note. Of several steps, only those that are larger than all before are noted.
+        ``step_s``, also write a note. A step is noted only if it is larger than all steps of this clock noted before.
         """
         writer = self._writers[image.camera]
         restarts = writer.restarts
@@ -124,7 +130,7 @@ class Recorder:
         return path
 
     def _note(self, sentence: str) -> None:
-        """Add a note to the document of the recording, once."""
+        """Add a note to the document of the recording; a sentence that the notes already contain is not repeated."""
         with self._describing:
             before = self._document.get("notes", [])
             self._document["notes"] = [*(note for note in before if note != sentence), sentence]
@@ -139,7 +145,9 @@ class Recorder:
             self._write_markers()
 
     def _begin(self, camera: int) -> None:
-        """Note when the first image of the recording's first camera was taken, and write the markers that waited."""
+        """Store when the first image of ``camera`` was taken, as the start of the recording, and write the markers that
+        came before.
+        """
         time_s, taken_s = self._first_s[camera]
         with self._describing:
             self._document["start"] = start_of(taken_s)
@@ -149,8 +157,9 @@ class Recorder:
             self._write_markers()
 
     def _write_markers(self) -> None:
-        """Write the markers that wait, at their times on the clock of the first camera. The clock is read from the
-        camera's newest image, since it may be the computer's clock, which may be set during the recording.
+        """Write the waiting markers, with their times since the first image on the clock of the camera that began the
+        recording. The clock's offset is taken from this camera's newest images, since the camera may use the computer's
+        clock, which may be set during the recording.
         """
         if self._began is None or not self._waiting:
             return
@@ -211,7 +220,8 @@ class Recorder:
 
 
 def start_of(taken_s: float) -> dict[str, Any]:
-    """Return the entry of recording.json about the start. taken_s: time of the first image, by ``time.monotonic``.
+    """Return the entry of recording.json about the recording's start. taken_s: time of the first image, by
+    ``time.monotonic``.
 
     The time on the clock of the Lab Streaming Layer is left out if pylsl is not installed.
     """
@@ -247,8 +257,9 @@ def finish_recording(folder: Path) -> Path:
 
 
 def _finish_camera(folder: Path, camera: Camera) -> bool:
-    """Remove the images of a camera whose row in timestamps.csv was not written before the recorder was cut off; return
-    whether the camera has complete images. Files with other names belong to the user and stay.
+    """Remove the images of a camera that are not complete because the recorder was cut off: images without a row in
+    timestamps.csv, and damaged images at the end of its rows. Return whether the camera has complete images. Files that
+    are not named like images belong to the user and stay.
     """
     if link := next((one for one in (folder, folder / "depth", folder / "timestamps.csv") if one.is_symlink()), None):
         raise InputError(link, "is a link", "put the target of the link there")
@@ -289,8 +300,8 @@ def _copy_about(about: Path, folder: Path) -> dict[str, Any]:
 
 
 def copy_equipment(file: Path, about: Path, folder: Path) -> None:
-    """Copy an equipment.json that lies somewhere in ``about``, and its meshes, to the same relative paths in a
-    folder.
+    """Copy an equipment.json that lies somewhere in ``about``, and its meshes, to the same relative paths in
+    ``folder``.
     """
     for path in equipment_files(file):
         require_regular(path)

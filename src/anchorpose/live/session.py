@@ -105,7 +105,7 @@ def _finish(recorder: Recorder | None, intake: Intake) -> Path | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Session:
-    """The phases of a session in their order."""
+    """A live session; its methods are the phases of the session in their order."""
 
     intake: Intake
     first_seconds: FirstSeconds
@@ -116,8 +116,8 @@ class _Session:
     latency: LatencyMeter = field(default_factory=LatencyMeter)
 
     def prepare(self) -> tuple[Prepared, Backlog]:
-        """Record first seconds until a patient is found in them. Return the room and the patient's body as learnt from
-        these seconds, and the images that came after them.
+        """Record first seconds, and repeat this until a patient is found in them. Return the room and the patient's
+        body as learnt from these seconds, and the images that came after them.
         """
         self.intake.start()
         for attempt in count(1):
@@ -180,8 +180,9 @@ class _Session:
         self.user.say("Tracking live.")
 
     def _change_patient(self, before: LiveFollower, number: int) -> LiveFollower | None:
-        """Return the person with this number as the new patient, whose body is learnt from newly recorded first
-        seconds. If this fails, return None; the present patient is then still followed.
+        """Make the person with this number the new patient: record this person's first seconds, learn the person's body
+        from them, and return the follower of the new patient. If this fails, return None; the present patient is then
+        still followed.
         """
         room, patient = before.patient.run.room, before.patient.number + 1
         places = {one.number: one.place_xz_m for one in people_in(before.follower.memory)}

@@ -139,7 +139,7 @@ class SessionStore:
         return LivePatient(number, prepared, Blocks(journal, TrackedFrame))
 
     def end_early(self, why: str) -> None:
-        """Note why the session ended early, if a patient is stored and the disk has space."""
+        """Store why the session ended early, if a patient is stored and the disk has space."""
         if self._session.patients:
             with suppress(OSError):
                 self._write(replace(self._session, ended=why))
@@ -155,8 +155,8 @@ BEGIN_AGAIN: Final = "begin again with 'anchorpose live' and --overwrite"
 
 @contextmanager
 def instead_of_resuming(remedy: str, folder: Path | None = None) -> Iterator[None]:
-    """Replace the advice in an InputError, since a live session can neither be resumed nor be tracked again. folder:
-    only advice about files in this folder is replaced; None: all advice.
+    """Replace the advice in an InputError by ``remedy``. The usual advice is to resume the run or to track again, and a
+    live session permits neither. folder: only advice about files in this folder is replaced; None: all advice.
     """
     try:
         yield
@@ -245,7 +245,9 @@ def finish_session(results: Path, overwrite: bool) -> None:
 
 
 def _recorded(folder: Path | None) -> Path | None:
-    """Return the whole recording of the session; None if the session was not recorded."""
+    """Return the folder of the session's recording, completed if necessary; None if the session was not recorded or the
+    recording cannot be completed.
+    """
     if folder is None:
         return None
     with suppress(InputError, OSError):

@@ -1,15 +1,16 @@
-"""Read and index reference movements: from the shipped file, from files of ``motions build``, and from skeletons of
-other trackers.
+"""Read and index reference movements. They come from the shipped file, from files that the command ``motions build``
+writes, and from the skeletons of other trackers.
 
 A pose vector theta does not depend on where the patient stands or which way the patient faces. The vector has 21 x 3
-joint positions relative to SpineBase in the trunk's heading frame (X where the trunk faces, Y up, Z to its right), then
-4 numbers for the path. The first three are the distances travelled by SpineBase, summed over all frames so far, along
-X, Y and Z of the heading frame at each moment; the fourth is the heading, radians, unwrapped. Only differences of these
-4 numbers have a meaning.
+joint positions relative to SpineBase in the trunk's heading frame (X in the direction in which the trunk faces, Y up, Z
+to the trunk's right), then 4 numbers for the path. The first three numbers are the distances that SpineBase has
+travelled along X, Y and Z of the heading frame, summed over all frames so far; each step is measured in the heading
+frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences of these 4 numbers between
+frames have a meaning.
 
-A sub-list is a short series of poses in a reference movement. The scaled set D_s of all sub-lists (paper, Section IV)
-is never stored: a sub-list is given by a place in the recorded clips and a speed (frames of the clip per frame of the
-recording). The poses of a sub-list are interpolated on demand.
+A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section IV) has the sub-lists
+of all movements at several speeds. Its poses are never stored: a sub-list is given by a place in the recorded clips and
+a speed (frames of the clip per frame of the recording). The poses of a sub-list are interpolated on demand.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ COMPARED: Final = 3 * JOINT_COUNT
 # (differences from the patient's last poses) of all sub-lists in a segment. The larger the segments, the looser the
 # bounds, and the more sub-lists must be tested
 SEGMENT: Final = 4
-COLUMNS: Final = 16  # number of principal components for lower bounds; the bounds reach nine tenths of the costs
+# number of principal components of the poses from which the lower bounds are computed; the bounds then reach nine
+# tenths of the costs
+COLUMNS: Final = 16
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
 _ROOT: Final = JOINT_INDEX["SpineBase"]
@@ -59,8 +62,8 @@ class MotionDatabase:
     """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
 
     theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
-    # number of columns, counted from a pose vector's first, that are compared to find similar poses; the other columns
-    # (the path) are only predicted
+    # number of leading columns of a pose vector that are compared to find similar poses; the other columns (the path)
+    # are only predicted
     compared: int
     turned: np.ndarray  # (n, compared) float32 = theta[:, :compared] @ basis; poses differ mostly in its first columns
     basis: np.ndarray  # (compared, compared) orthonormal, principal directions of the poses
@@ -79,7 +82,8 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 def _steady(heading_rad: np.ndarray) -> np.ndarray:
     """Return headings (t,) without jumps. If a person rolls over on the side, the line between the shoulders turns
-    vertical and its heading jumps by half a turn; nobody turns so far from one frame to the next. NaN stays NaN.
+    vertical and the heading jumps by half a turn. Such a jump is removed, since nobody turns so far from one frame to
+    the next. NaN stays NaN.
     """
     steady, known = heading_rad.copy(), np.isfinite(heading_rad)
     steady[known] = np.unwrap(heading_rad[known], period=np.pi)
@@ -99,9 +103,9 @@ def joints_after(last_m: np.ndarray, last_theta: np.ndarray, theta: np.ndarray) 
 
 
 def heading_rad(joints_m: np.ndarray) -> np.ndarray:
-    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is perpendicular to the line
-    between the hips and to the line between the shoulders. One of the two lines is enough; the angle is NaN if both are
-    unknown.
+    """Return the angle (t,) about Y from world X to the trunk's heading. The heading is horizontal, and perpendicular
+    to the sum of two vectors: from the left to the right hip, and from the left to the right shoulder. A single known
+    vector is enough; the angle is NaN if both are unknown.
     """
     across = joints_m[:, _RIGHT] - joints_m[:, _LEFT]
     across = np.where(np.isfinite(across).all(axis=(2,), keepdims=True), across, 0.0).sum(axis=1)
@@ -125,7 +129,8 @@ def build_database(
     history: int,
     past: int,
 ) -> MotionDatabase:
-    """Build D_s for a recording of ``at_hz`` from clips, (n_i, d) each, whose rates are ``rate_hz``.
+    """Build the set D_s of sub-lists for a recording of ``at_hz`` frames per second from clips, (n_i, d) each, with the
+    rates ``rate_hz``.
 
     compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
     sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -
@@ -177,7 +182,9 @@ def _principal(poses: np.ndarray) -> np.ndarray:
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of all runs. A run is one clip at one speed: (first row, rows per frame, number of frames)."""
+    """List the sub-lists of all runs. A run is a clip at a certain speed: (first row, rows per frame, number of
+    frames).
+    """
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
     for first, rows, frames in runs:
@@ -302,11 +309,11 @@ def read_motions(path: Path) -> ReferenceClips:
 
 
 def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
-    """Read the clips of a skeleton file and convert them to our 21 joints.
+    """Read the clips of a skeleton file and convert them to the 21 joints in ``JOINT_NAMES``.
 
-    rate_hz: frames per second, if the file has no ``rate_hz``. Joints are found by our names, or by the names of the
-    bones that begin at the joints; hands and neck may be derived from other joints, and a note then states this. Raises
-    InputError if a joint is missing or the file is not valid.
+    rate_hz: frames per second, if the file has no ``rate_hz``. A joint of the file is found by its name in
+    ``JOINT_NAMES``, or by the name of the bone that begins at the joint. Hands and neck may be derived from other
+    joints; a note then states this. Raises InputError if a joint is missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -340,10 +347,13 @@ def _check_skeletons(path: Path, joints: np.ndarray, offsets: np.ndarray, clips:
 
 
 def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[np.ndarray, list[str]]:
-    """Return our joints (n, 21, 3), and the names of the joints that were derived from others (``DERIVED``)."""
+    """Return the 21 joints (n, 21, 3) in the order of ``JOINT_NAMES``, and the names of the joints that were derived
+    from other joints (``DERIVED``).
+    """
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # our names and UI-PRMD's agree for Neck and Head; UI-PRMD's LHand is the bone that begins at the wrist
+        # the names of this project and of UI-PRMD agree for Neck and Head; UI-PRMD's LHand is the bone that begins at
+        # the wrist
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

@@ -29,7 +29,9 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-_SEEDS: Final = 16  # number of segments (groups of sub-lists) searched first, to get a first limit of the cost
+# number of segments (groups of sub-lists) that are searched first, to get a first limit of the cost above which other
+# segments are skipped
+_SEEDS: Final = 16
 # factor on lower bounds, and metres that are subtracted from lower bounds, since single precision may round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
@@ -41,7 +43,7 @@ class Matches:
 
     place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
     stride: np.ndarray  # (m,) database rows per frame of the recording
-    distance_m: np.ndarray  # (m,) cost, as root-mean-square distance over the joints per frame
+    distance_m: np.ndarray  # (m,) cost of each match per frame, converted to a root-mean-square distance between joints
 
     def poses(self, database: MotionDatabase, frames: np.ndarray) -> np.ndarray:
         """Return pose vectors (m, f, d) of each match. ``frames`` (f,): number of frames from the match's newest pose
@@ -56,13 +58,15 @@ def best_sublists(
     """Return the ``count`` sub-lists most similar to the last poses; None if no column of these poses is known or no
     clip is long enough.
 
-    The cost is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)), the Euclidean distances of k poses, plus
-    ``displacement_weight * k`` times the distance between the displacements over the history. The displacements are
-    included, since the same pose occurs in movements of any direction and speed. history (k, d): the newest pose last.
-    Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists whose lower bound exceeds the best
-    costs are skipped. The result is still exact: the sum of k distances is at least k times the distance of the means,
-    and omitted columns only lower this bound. Among equal sub-lists, the earlier is taken. A column with a missing
-    value anywhere in the history is not compared; every sub-list is then tested.
+    The cost of a sub-list has two terms. The first term is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)),
+    the Euclidean distances between the last k poses and the k poses of the sub-list. The second term is
+    ``displacement_weight * k`` times the distance between the two displacements (newest pose minus oldest pose). The
+    displacements are included, since the same pose occurs in movements of any direction and speed. history (k, d): the
+    newest pose last. Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists are skipped if a
+    lower bound of their cost exceeds the costs of the best ``count`` sub-lists so far. The result is still exact: the
+    sum of k distances between poses is at least k times the distance between the mean poses, and omitted columns only
+    lower this bound. Among sub-lists with equal costs, the earlier sub-list is taken. A column with a missing value
+    anywhere in the history is not compared; every sub-list is then tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -107,7 +111,7 @@ def _rank(
         s = seeds[turn] if turn < len(seeds) else turn - len(seeds)
         if bound[s] < 0 or bound[s] > cost[-1]:
             continue
-        bound[s] = -1.0  # done
+        bound[s] = -1.0  # this segment has been searched
         for w in range(segment[s], segment[s + 1]):
             if followed[w] < steps:
                 continue
@@ -202,7 +206,9 @@ def _cost(
 
 
 SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity is measured
-DAMPING: Final = 0.85  # factor on the velocity per frame ahead, since a limb reverses within a few tenths of a second
+# ratio of the velocities in two successive predicted frames; below 1, since a limb reverses its movement within a few
+# tenths of a second
+DAMPING: Final = 0.85
 # share of the velocity difference (patient minus matches) that is added to the matches' velocity. It is below 1, since
 # the difference is noisy
 OWN_VELOCITY: Final = 0.8
@@ -217,7 +223,8 @@ class MotionRule(StrEnum):
     """The rule by which the next poses are predicted."""
 
     BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
-    BEST_SUBLIST = "best_sublist"  # the paper's rule: the change that follows the single most similar sub-list
+    # the paper's rule: the last pose plus the change of pose that follows the most similar sub-list
+    BEST_SUBLIST = "best_sublist"
     VELOCITY = "velocity"  # the patient's own damped velocity, without reference movements
     STANDSTILL = "standstill"  # the last pose is repeated, without motion dynamics
 
@@ -232,12 +239,14 @@ class MotionConfig:
     rule: MotionRule = MotionRule.BLEND
     # number of past frames that are compared; at 30 Hz, five show the direction of a movement
     history: Annotated[int, Field(ge=2, strict=True)] = 5
-    # factors on the speed of reference movements, in steps of half an octave
+    # factors on the speed of reference movements, in steps of half an octave (a factor of 1.41)
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
     # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
     neighbours: Count = 32
-    checked: Count = 7  # frames; to weight the predictions by matches and by velocity, both are tested this long ago
+    # number of frames; the predictions by matches and by velocity are weighted by how well each of them, made this many
+    # frames before the newest frame, predicts the newest pose
+    checked: Count = 7
 
     @property
     def uses_database(self) -> bool:
@@ -254,7 +263,9 @@ class PredictionSource(StrEnum):
     """The source of a prediction."""
 
     DATABASE = "database"
-    OWN_VELOCITY = "own_velocity"  # by velocity, without reference movements or with too short a history
+    # by the patient's own velocity: the rule uses no reference movements, the history is too short, or no similar
+    # movement was found
+    OWN_VELOCITY = "own_velocity"
     STANDSTILL = "standstill"  # the last pose is repeated: the velocity is unknown, or the rule asks for it
 
 
@@ -319,12 +330,13 @@ def predict(
 ) -> Prediction:
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    compared: number of columns that count in a prediction's error, as in the database. The paper's rule is theta^(t+h)
-    = theta^t + theta_s^(j+h) - theta_s^j, where j is the newest pose of the best sub-list s. Our rule takes the mean
-    change theta_s^(j+h) - theta_s^j of several sub-lists and adds most of the difference between the patient's velocity
-    and the sub-lists' velocity. The result is mixed with a prediction by the patient's velocity alone. The weights
-    follow from the squared errors that both predictions of the newest pose would have had if they had been made
-    ``checked`` frames ago. So a movement that the database does not contain is predicted by its velocity.
+    compared: number of leading columns of a pose vector that count in a prediction's error, as in ``MotionDatabase``.
+    The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j, where theta_s^j is the newest pose of the
+    best sub-list s, and h counts the frames after it. Our rule takes the mean change theta_s^(j+h) - theta_s^j of
+    several sub-lists and adds most of the difference between the patient's velocity and the sub-lists' velocity. The
+    result is mixed with a prediction by the patient's velocity alone. The weights follow from the squared errors that
+    both predictions of the newest pose would have had if they had been made ``checked`` frames ago. So a movement that
+    the database does not contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -385,8 +397,8 @@ def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compare
 
 
 def _travelled(steps: int) -> np.ndarray:
-    """Return (steps,) the distance covered after each frame by a movement that slows down by ``DAMPING``, as a multiple
-    of its first velocity per frame.
+    """Return (steps,) the distances that a movement has covered after 1, 2, ... frames if ``DAMPING`` slows it down in
+    each frame; the unit is the distance covered in the first frame.
     """
     return np.cumsum(DAMPING ** np.arange(steps))
 
@@ -394,10 +406,10 @@ def _travelled(steps: int) -> np.ndarray:
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
     """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
 
-    A short span follows the movement quickly, a long span averages out noise. The weights follow from how well each
-    span would have predicted the newest frames from earlier frames, over all columns. A span that is too long to be
-    tested on the history (k, d), newest last, has weight 0; with two frames the shortest span has weight 1. Columns
-    with missing values are left out.
+    The velocity over a short span follows the movement quickly; the velocity over a long span averages out noise. The
+    weights follow from how well the velocity over each span would have predicted the newest frames from earlier frames,
+    over all columns. A span that is too long to be tested on the history (k, d), newest last, has weight 0; with two
+    frames the shortest span has weight 1. Columns with missing values are left out.
     """
     known = history[:, np.isfinite(history).all(axis=0)]
     squared = np.full(len(spans), np.inf)
@@ -415,7 +427,7 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
 
 def velocity(poses: np.ndarray, spans: Sequence[int], shares: np.ndarray, at: int = -1) -> np.ndarray:
     """Return the velocity (..., d) per frame at pose ``at`` (negative: counted from the end) of poses (..., k, d),
-    newest last, as a mean over ``spans`` weighted by ``shares``. Spans that are too long are shortened.
+    newest last, as a mean over ``spans`` weighted by ``shares``. Spans that begin before the first pose are shortened.
     """
     total = np.zeros(poses.shape[:-2] + poses.shape[-1:])
     for span, share in zip(spans, shares, strict=True):

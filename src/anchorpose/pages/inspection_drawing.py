@@ -44,9 +44,11 @@ from anchorpose.tracker.inspection import InspectedCamera
 from anchorpose.tracker.observation import Observation
 
 ISO_M: Final = 0.1  # m, spacing of the contour lines of distance along the skin
-MAGNIFIED: Final = 3.0  # factor on arrows' length: a hand moves nine pixels in a frame, too few to see as an arrow
+# Factor by which arrows are longer than the movement that they show: a hand moves nine pixels in a frame, too few to
+# see as an arrow
+MAGNIFIED: Final = 3.0
 LIGHT: Final = np.array([-0.4, -0.5, -0.77])  # direction towards the light, camera frame; light comes from above left
-SEEN_ONCE: Final = (235.0, 235.0, 235.0)  # colour of surface that one camera sees
+SEEN_ONCE: Final = (235.0, 235.0, 235.0)  # colour of surface that is not linked with another camera's surface
 SEEN_TWICE: Final = (255.0, 200.0, 130.0)  # colour of surface that is linked with another camera's surface
 
 Projection = Callable[[np.ndarray], np.ndarray]

@@ -33,7 +33,7 @@ INSPECTION: Final = FolderKind("an inspection", (FACTS_FILE, PAGE_FILE), (FACTS_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """A stage as shown on the page. pictures: PNG files by camera."""
+    """A stage as the page shows it, with its caption and its pictures: the bytes of a PNG file by camera name."""
 
     stage: Stage
     caption: str

@@ -100,7 +100,9 @@ def draw_scene(scene: OverlayScene) -> np.ndarray:
 
 
 def _tint(labels: np.ndarray) -> np.ndarray:
-    """Return the tint (height, width, 3): people and equipment have their colours, everything else is white."""
+    """Return the tint (height, width, 3) of each pixel by its label: people and equipment have their colours,
+    everything else is white.
+    """
     tint = np.full((*labels.shape, 3), 255.0)
     for label, colour in _LABEL_TINT.items():
         chosen = labels >= label if label is PixelLabel.OTHER_PERSON else labels == label
@@ -172,8 +174,9 @@ _WORDS: Final = {SIT_TO_STAND: "standing up", STAND_TO_SIT: "sitting down"}
 
 
 def choose_frames(joints: JointTable, episodes: Sequence[Episode], segmented: np.ndarray) -> dict[int, str]:
-    """Choose the frames for the report's pictures; return, by the row in the joints' table and in the order of time,
-    the reason in words, empty for frames spread over the recording.
+    """Choose the frames for the report's pictures; return a dict, in the order of time, from the row of each chosen
+    frame in the joints' table to the reason for the choice in words, which is empty for frames spread over the
+    recording.
 
     segmented (n,) bool: True for frames with person labels; the most and the least certain frame are chosen among these
     frames, if the patient is found in them.
@@ -199,9 +202,9 @@ def _uncertainty(joints: JointTable, row: int) -> tuple[int, int, float]:
 def draw_chosen(
     results: Path, room: Room, shape: FittedShape | None, sheet: SurfaceConfig
 ) -> Iterator[tuple[PictureRecord, bytes]]:
-    """Yield a picture (see ``draw_scene``) for each camera and each frame of ``choose_frames``, if the camera has a
-    depth image and person labels in this frame: its entry in run.json, and its PNG. Yield no pictures if the patient's
-    body (``shape``) is unknown.
+    """Yield, for each frame of ``choose_frames`` and each camera with a depth image and person labels in this frame, a
+    picture (see ``draw_scene``), as its entry in run.json and its PNG. Yield no pictures if the patient's body
+    (``shape``) is unknown.
 
     results: a folder with all tables; sheet: settings by which a camera's surface is meshed.
     """
@@ -241,10 +244,11 @@ def draw_chosen(
 
 
 def _recorded(joints: JointTable, stream: DepthStream) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each frame, its position (n,) in the first camera's stream, and (n,) bool: whether the stream has it.
+    """Return, for each frame, its position (n,) in the first camera's stream of depth images, and (n,) bool: whether
+    the stream has an image of this frame.
 
-    A live session may have recorded only its start. A camera that was silent may continue with numbers that were used
-    before, so the times must agree, too.
+    The recording of a live session may hold only the session's start. A camera that gave no images for a while may
+    continue with frame numbers that were used before, so the times must agree, too.
     """
     position = np.searchsorted(stream.frame, joints.frame).clip(max=len(stream.frame) - 1)
     apart_s = np.abs(stream.time_s[position] - joints.time_s)

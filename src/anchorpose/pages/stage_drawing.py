@@ -18,7 +18,7 @@ COLOUR_STRENGTH: Final = 0.7
 """Share of the colour in a tinted pixel; the remaining share is the grey of the depth image, which shows the shape."""
 
 HATCH_PX: Final = 14  # px, distance between two stripes
-ARROW_TIP: Final = 0.35  # length of an arrow's tip as a share of the arrow
+ARROW_TIP: Final = 0.35  # length of an arrow's tip, as a share of the arrow's length
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,7 +28,9 @@ _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES: Final = 33  # length of the signature and the IHDR chunk of a PNG file
 _GREY: Final = 0  # code of the colour type grey in a PNG file
 _DECODED: Final = (b"IHDR", b"IDAT", b"IEND")  # the only chunks that a decoder needs for a grey image
-_OTHER_BYTES: Final = 1 << 20  # spare bytes: chunks of text, and the overhead of compression for incompressible pixels
+# bytes allowed in addition to four per pixel: for chunks of text, and for the overhead of compression if pixels are
+# incompressible
+_OTHER_BYTES: Final = 1 << 20
 
 FARTHEST_M: Final = 20.0
 """Distance in m that no indoor depth camera exceeds: a larger value is an error code, or light from outside."""
@@ -36,15 +38,17 @@ FARTHEST_M: Final = 20.0
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
 ROWS: Final = 128  # number of checked image rows, evenly spaced; surfaces are many rows high, so no surface is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
-ENOUGH: Final = 4000  # minimum number of readings for the limits below to apply; with fewer, sound images may fail
+# minimum number of readings for the limits below to apply; with fewer, images without a fault may exceed the limits
+ENOUGH: Final = 4000
 # maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
 MOST_ALIKE: Final = 0.98
-# minimum share of readings that must have a reading to their right; real images have 0.93 or more
+# minimum share of readings that must have another reading at the pixel to their right; real images have 0.93 or more
 LEAST_BESIDE: Final = 0.5
 # minimum difference of two neighbouring readings that counts as a jump, divided by their distance from the camera.
 # Within one surface, only parts that are seen edge-on have larger differences
 JUMP: Final = 0.1
-MOST_JUMPS: Final = 0.25  # maximum share of pairs of neighbours that may jump; real cluttered rooms have up to 0.03
+# maximum share of jumps among pairs of neighbouring readings; real cluttered rooms have up to 0.03
+MOST_JUMPS: Final = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,9 +130,11 @@ def largest_png(width: int, height: int) -> int:
 
 
 def decode_grey_png(data: bytes, width: int, height: int) -> tuple[np.ndarray | None, str]:
-    """Return the grey values (height, width) uint16 of a PNG file; or None and its problem.
+    """Return the grey values (height, width) uint16 of a PNG file and an empty text; for an unusable file, None and the
+    problem.
 
-    The decoder gets only the chunks of a still image, since it would mix the frames of an animated PNG.
+    The decoder gets only the chunks of a still image, because it would mix the frames of an animated PNG if it got all
+    chunks.
     """
     import cv2
 

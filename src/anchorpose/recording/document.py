@@ -34,7 +34,7 @@ from anchorpose.settings import LARGEST, STRICT, Unfit, explain, shown
 
 LARGEST_BYTES: Final = 16 * 2**20
 """Maximum size of a JSON file in bytes. A description of a recording has some thousand bytes. The parsed values need up
-to twenty times as much memory.
+to twenty times as much memory as the file.
 """
 
 DEEPEST: Final = 64
@@ -209,8 +209,8 @@ def validate(path: Path, kind: type[Document], values: Any) -> Document:
 
 
 def plain_values(value: Any) -> Any:
-    """Return a value in the form of JSON: numpy's numbers, arrays and tuples, also inside it, become Python's numbers
-    and lists.
+    """Return a value in the form of JSON: numpy's numbers become Python's numbers, and arrays and tuples become lists,
+    also inside nested values.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()

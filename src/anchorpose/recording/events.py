@@ -2,9 +2,9 @@
 the columns.
 
 The format is the events format of BIDS: onset and duration in seconds, trial_type, then the user's own columns. Onsets
-count from the first frame of the first camera in recording.json, even if this camera measured nothing. The value of its
-clock does not matter, nor does a later start of tracking. A trial is one row; trials are numbered from 1 in the order
-of the file.
+count from the first frame of the first camera in recording.json, even if this camera measured nothing. Neither the
+value of this camera's clock nor a later start of tracking changes the onsets. A trial is one row; trials are numbered
+from 1 in the order of the file.
 """
 
 from __future__ import annotations

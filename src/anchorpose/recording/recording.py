@@ -110,8 +110,8 @@ UNKNOWN: Final = Subject()
 
 @dataclass(frozen=True, slots=True)
 class FolderFiles(Sequence[Path]):
-    """A sequence of paths in one folder that stores only names: 324,000 paths (an hour of three cameras) would take 0.2
-    GB.
+    """A sequence of paths in one folder that stores only the file names, since 324,000 whole paths (an hour of three
+    cameras) would take 0.2 GB of memory.
     """
 
     folder: Path
@@ -161,7 +161,8 @@ class Recording:
     backgrounds_m: tuple[np.ndarray | None, ...]
     equipment: EquipmentModel | None
     subject: Subject = UNKNOWN  # statements about the patient
-    notes: tuple[str, ...] = ()  # sentences on content that is not used, and those of the recorder or converter
+    # sentences on content that is not used, and sentences that the recorder or converter wrote
+    notes: tuple[str, ...] = ()
     # first and last recorded time of the first camera in recording.json if this camera was left out, else None
     left_out_s: tuple[float, float] | None = None
 

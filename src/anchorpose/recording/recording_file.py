@@ -172,8 +172,9 @@ MOST_PIXELS: Final = 1 << 23
 
 LARGEST_SIDE_PX: Final = 16384  # maximum width and height of an image
 MOST_CAMERAS: Final = 16
-NARROWEST_LENS: Final = 0.01  # minimum valid radius of a lens, sqrt(x² + y²) / z of a ray: half a degree from the axis
-FINEST_DEPTH_SCALE_M: Final = 1e-6  # m per grey value, minimum; the largest 16-bit value is then 6 cm
+# minimum valid radius of a lens, as sqrt(x² + y²) / z of a ray; this value is half a degree from the optical axis
+NARROWEST_LENS: Final = 0.01
+FINEST_DEPTH_SCALE_M: Final = 1e-6  # minimum metres per grey value; with it, the largest 16-bit value is 6.6 cm
 SLOWEST_HZ: Final = 0.1  # minimum frame rate in Hz; with fewer images, no person can be tracked
 
 SAME_HEIGHT_M: Final = 0.03  # m, maximum difference of two stated heights that shoes or the time of day explain

@@ -26,7 +26,8 @@ from anchorpose.errors import InputError
 
 Found = TypeVar("Found")
 
-NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # flags: opening never waits on a pipe
+# flags for opening a file: never wait for the writer of a pipe, and (on Windows) read bytes unchanged
+NEVER_BLOCKS: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 LARGEST_TABLE: Final = 512 * 2**20
 """Maximum size in bytes of a table as text, or of a C3D file. An hour of 40 points at 100 Hz has 350 MB; its values

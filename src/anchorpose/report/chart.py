@@ -1,7 +1,7 @@
 """Build a chart: rows of pictures over a common time axis, the values that a slider shows, and these values as CSV.
 
 The page stretches rows to the available width, while lines and letters keep their size (see ``templates/parts.html``).
-So the same HTML serves a phone, a screen and paper, without a script.
+So the same HTML, without a script, is readable on a phone, on a large screen and on paper.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ is about one and a half pixels wide on a page, and a third of a millimetre on pa
 """
 
 PAUSE: Final = 3.0
-"""Maximum interval between two frames, in median intervals. A longer interval is a pause, across which no line is
-drawn.
+"""Maximum interval between two successive frames, as a multiple of the median interval. A longer interval is a pause,
+across which no line is drawn.
 """
 
 
@@ -185,7 +185,9 @@ def _extremes(spans: Spans) -> tuple[float | None, float | None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A sign over a row of a chart. kind: CSS class; style: CSS of its place; title: its meaning; link: its target."""
+    """A sign drawn over a row of a chart. kind: CSS class; style: CSS that places the sign; title: the sign's meaning;
+    link: the address that opens when the sign is clicked, or empty.
+    """
 
     text: str
     kind: str
@@ -227,7 +229,7 @@ def heading(label: str) -> Row:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a chart's CSV, with one cell per group of frames; a cell is empty if nothing is known."""
+    """A column of a chart's CSV, with one cell per group of frames; a cell is empty if the group has no known value."""
 
     name: str
     cells: Sequence[str]
@@ -238,8 +240,9 @@ Role = Literal["text", "low", "high", "sigma", "state"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The values of a curve or row that the slider shows. columns: by role, its columns: ``text`` alone, or the lowest
-    and the highest value (``low``, ``high``) and, for a curve, its ``sigma`` and ``state``.
+    """The values of a curve or row that the slider shows. columns: the CSV columns that hold these values, by role:
+    ``text`` alone, or the lowest and the highest value of each group of frames (``low``, ``high``) and, for a curve,
+    also ``sigma`` and ``state``.
     """
 
     label: str
@@ -297,7 +300,9 @@ class Chart:
 
 
 def _leading_columns(bins: Bins) -> list[Column]:
-    """Return the leading columns: each group's frames, their times, and their place on the time axis."""
+    """Return the columns that begin every CSV: numbers and times of each group's first and last frame, and the group's
+    place on the time axis.
+    """
     return [
         Column("first_frame", [str(frame) for frame in bins.frame[bins.start].tolist()]),
         Column("last_frame", [str(frame) for frame in bins.frame[bins.last].tolist()]),

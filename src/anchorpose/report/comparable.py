@@ -29,18 +29,20 @@ the limit of what counts as a change (``TimeGap.share``).
 """
 
 _SWAY: Final = ("sway_path", "sway_path_noise", "sway_rms_ap", "sway_rms_ml", "sway_ellipse_area")
-"""Measures of sway that grow with the time over which sway is computed: in longer bouts, the body drifts farther."""
+"""Measures of sway that grow with the time over which sway is computed: in a longer time, the body drifts farther."""
 
 SCATTERING: Final = (*_SWAY, "sway_velocity")
-"""Measures that scatter from minute to minute far more than errors of measurement do: the ellipse of an unchanged
-patient by a third. A change between two sessions is tested only by the minimal detectable change of repeated sessions.
+"""Measures that vary from minute to minute far more than their errors of measurement: the area of the sway ellipse
+varies by a third although the patient is unchanged. A change of such a measure between two sessions is tested only
+against the minimal detectable change from repeated sessions.
 """
 
 SCATTERS: Final = "sway scatters from minute to minute, and no repeated sessions are given (--reliability)"
 
 _LARGEST: Final = ("functional_reach", "single_leg_stance")  # measures whose value is the patient's best attempt
 
-_AVERAGED: Final = ("hands_on_at_once_mean",)  # unit: a count, but a mean does not grow with time
+# measures whose unit is a count, but whose value is a mean, so the value does not grow with time
+_AVERAGED: Final = ("hands_on_at_once_mean",)
 
 _EXTREMES: Final = (
     "_shortest",
@@ -61,7 +63,7 @@ class Span(NamedTuple):
 
 def grows_with_time(measure: Measure) -> bool:
     """Return whether a measure's value would be larger (or more extreme) if the training took twice as long. Latencies
-    grow with time because late events are missing from a short trial.
+    (times until an event) grow with time because a short trial lacks the events that occur late.
     """
     name = measure.measure
     grows = name.endswith(("_time", "_latency", *_EXTREMES)) or name.startswith("longest_") or measure.unit == "count"
@@ -81,8 +83,8 @@ class TimeGap(NamedTuple):
 
 
 def time_gap(measure: Measure, first: Sequence[Measure], later: Sequence[Measure]) -> TimeGap:
-    """Return how the time differs over which a measure is taken in two sessions (or conditions), from all measures of
-    either session or condition; (None, 0) for a measure that does not grow with time.
+    """Return the difference between two sessions (or conditions) in the time over which a measure is taken; (None, 0)
+    for a measure that does not grow with time. first, later: all measures of each session or condition.
     """
     if not grows_with_time(measure):
         return TimeGap(None, 0.0)
@@ -135,11 +137,12 @@ def _differ(old_s: float, new_s: float) -> bool:
 
 
 MIXED: Final = 0.1
-"""Maximum difference between a condition's shares of two recordings that is not stated. If a condition changes an angle
-by 10 degrees, a difference of a tenth shifts the mean over the recording by 1 degree, which is about its error.
+"""Limit of the difference between two recordings in the share of the recording that the trials of a condition take up.
+The page states only differences above this limit. If a condition changes an angle by 10 degrees, a difference of a
+tenth shifts the mean over the recording by 1 degree, which is about the error of this mean.
 """
 
-MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; all others are only counted
+MOST_NAMES: Final = 8  # maximum number of differing settings that a sentence names; further settings are only counted
 
 
 def require_comparable(sessions: Sequence[Session]) -> None:

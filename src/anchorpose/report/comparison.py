@@ -55,11 +55,11 @@ def write_comparison(
 ) -> Path:
     """Write one page on two or more results folders, in the order given; each later folder is compared with the first.
 
-    labels: one per session; by default the name of its recording, or the name of its folder where two recordings share
-    a name. reliability: a table of ``anchorpose reliability``; its minimal detectable changes are used as limits where
-    they exceed the limits computed from the sigmas. dates: one per session, such as 2025-03-28, used for trends; by
-    default the labels, if all of them are dates. Raises InputError, before a page is written, if a folder is unusable
-    or the sessions cannot be compared.
+    labels: one per session; by default the names of the recordings or, if two recordings share a name, the names of the
+    folders or, if two folders share a name, their paths. reliability: a table of ``anchorpose reliability``; its
+    minimal detectable changes are used as limits where they exceed the limits computed from the sigmas. dates: one per
+    session, such as 2025-03-28, used for trends; by default the labels, if all of them are dates. Raises InputError,
+    before a page is written, if a folder is unusable or the sessions cannot be compared.
     """
     if len(folders) < 2:
         raise InputError(page, "needs two or more sessions", "give their results folders in order of time")
@@ -164,9 +164,9 @@ REPEATED_VERDICTS: Final[dict[bool | None, tuple[str, str]]] = {
 def change_groups(
     sessions: Sequence[Session], detectable: Detectable
 ) -> dict[str, list[tuple[str, str, list[Markup]]]]:
-    """Return the measures of all sessions side by side: by heading, rows of (title, meaning, cells) with a value per
-    session, then a change per later session. detectable: minimal detectable changes, as ``read_detectable`` returns
-    them.
+    """Return, by heading, table rows (title, meaning, cells) that show each measure side by side: for each session a
+    cell with the value, then for each later session a cell with the change from the first session. detectable: minimal
+    detectable changes, as ``read_detectable`` returns them.
 
     Measures about one person who touched the patient are left out, since a name such as "person 2" may mean a different
     person in another session.
@@ -206,8 +206,8 @@ def _change(
     laters: Sequence[Measure],
     repeated: float | None,
 ) -> Markup:
-    """Return the table cell of a change. firsts, laters: all measures of either session, whose time spans decide
-    whether the change is tested; repeated: as in ``change_between``.
+    """Return the table cell of a change. firsts, laters: all measures of the first and of the later session; their time
+    spans decide whether the change is tested; repeated: as in ``change_between``.
     """
     if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")

@@ -122,8 +122,8 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """Return, for each measure that is shown, its table rows for all trials, in the order in which measures are shown;
-    a measure without any value is left out.
+    """Return, for each measure that the section shows, the measure in each trial. The measures are in the order in
+    which the section shows them; a measure without a value in any trial is left out.
     """
     found: dict[MeasureKey, list[Measure]] = {}
     for name in chosen or COMPARED:
@@ -139,7 +139,7 @@ def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Me
 
 def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectable: Detectable) -> list[Effect]:
     """Return the effects of the conditions on a measure. If the measure grows with time, the minimal detectable change
-    of whole sessions does not apply to trials.
+    is not used: it was found from whole sessions, which last longer than trials.
     """
     first = rows[0]
     if not grows_with_time(first):
@@ -149,9 +149,10 @@ def _effects(rows: Sequence[Measure], session: Session, trials: Trials, detectab
 
 
 def _time_limits(rows: Sequence[Measure], session: Session, trials: Trials) -> tuple[dict[str, str], dict[str, float]]:
-    """Return two dicts by condition, for a measure that grows with time: the reason why the measure is not tested (its
-    trials with a value differ in duration, or its mean time with known posture differs from that of the reference
-    condition); and how much it may differ from the reference condition only because the trials of one condition last
+    """Return two dicts by condition, for a measure that grows with time. The first dict has the reason why the measure
+    is not tested: the trials with a value differ in duration, or the mean time over which the measure is taken (such as
+    the time with known posture) is unknown, or differs between the condition and the reference condition. The second
+    dict has how much the measure may differ from the reference condition only because the trials of one condition last
     longer.
     """
     known = {row.trial for row in rows if row.value is not None}

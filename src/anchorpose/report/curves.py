@@ -3,9 +3,9 @@
 A line is thick where the quantity was seen and thin where it was inferred. The line of the left side is solid, that of
 the right side dashed, and each curve has a letter at its end. The band around a line is ± 1.96 sigma. Where a group of
 frames is drawn as one point, the line runs midway between the group's lowest and highest value, and a darker band
-reaches from the lowest to the highest value. Below the picture, each curve has a row of columns: a column of half
-height means that the curve was inferred, a column of full height that it is lost. No information depends on colour
-alone.
+reaches from the lowest to the highest value. Below the picture, each curve whose quantity was not seen in all
+frames has a row of columns: a column of half height means that the quantity was inferred, a column of full height that
+the quantity is lost. No information depends on colour alone.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _STATES: Final = tuple(STATE_WORDS[state] for state in JointState)
 class Curve:
     """A curve of one quantity. value, sigma (n,) float64, NaN where lost; state_code (n,). side: left, right or empty.
 
-    key: the beginning of the names of its columns in the CSV.
+    key: the text with which the names of the curve's columns in the CSV begin.
     """
 
     key: str
@@ -57,7 +57,9 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """The properties of all curves in a picture: name, unit in text and in column names, decimals, least axis span."""
+    """The properties that all curves in a picture share: name, unit as written in texts and in column names, number of
+    decimals, and minimum range of the axis.
+    """
 
     label: str
     unit: str
@@ -78,8 +80,8 @@ def curve_row(curves: Sequence[Curve], quantity: Quantity, bins: Bins, height: i
 
 
 def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
-    """Return one row of small height per curve, which shows where the curve was inferred or lost; return no rows if all
-    curves were seen in all frames.
+    """Return one row of small height for each curve whose quantity was not seen in all frames; the row shows where the
+    quantity was inferred or lost.
     """
     rows = []
     for curve in curves:
@@ -172,7 +174,8 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
     shares of the full height; 0 draws nothing.
     """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
-    middle = (place[1:] + place[:-1]) / 2.0  # columns of neighbouring groups meet midway, except beside a pause
+    # Columns of neighbouring groups meet midway between the groups, except beside a pause
+    middle = (place[1:] + place[:-1]) / 2.0
     left = _across(np.append(0.0, np.where(bins.after_pause[1:], place[1:], middle)))
     right = _across(np.append(np.where(bins.after_pause[1:], place[:-1], middle), 1.0))
     parts = []
@@ -197,8 +200,8 @@ def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run of groups into pieces whose line segments (from each group to the next) are all seen, or all unseen;
-    neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
+    """Split a run of groups into pieces in which the line segments (from each group to the next) are all seen, or all
+    unseen; neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

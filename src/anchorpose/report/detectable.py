@@ -22,10 +22,11 @@ RELIABILITY_REMEDY: Final = "give the table that 'anchorpose reliability SESSION
 
 
 def read_detectable(path: Path, measures: Iterable[Measure]) -> Detectable:
-    """Read the minimal detectable changes in a table. measures: the sessions' measures, to which they are applied.
+    """Read the minimal detectable changes from a table of ``anchorpose reliability``. measures: the sessions' measures,
+    to which the minimal detectable changes are applied.
 
-    Raises InputError if the file is another table, states no change, or has a measure of the sessions with a side or
-    unit that the sessions do not have.
+    Raises InputError if the file is not such a table, if it states no minimal detectable change, or if it has a measure
+    of the sessions, but for a side or unit that the sessions do not have.
     """
     lines = [line for _, line in read_rows(path)]
     head = lines[0] if lines else []

@@ -38,8 +38,8 @@ PRINTED: Final = [row["measure"] for row in sorted(_ROWS, key=lambda row: int(ro
 """Names of the main measures in the order in which they are printed; measures.parquet has all measures."""
 
 COMPARED: Final = [name for name in PRINTED if name not in ("recorded_time", "found_time", "unknown_time", "sway_time")]
-"""Names of the main measures without the times that depend on the recording, not on the patient. Only these are
-compared between conditions, and followed over dates.
+"""Names of the main measures, without times that depend on the recording and not on the patient. By default, only these
+measures are compared between conditions; only these measures are followed over dates.
 """
 
 OTHERS: Final = "Other measures"
@@ -76,7 +76,8 @@ def unit_of(unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasureRow:
-    """A table row: one measure, both sides of a measure, or measures that lack a value for the same reason.
+    """A table row, which shows one measure, the left and right side of a measure, or several measures that lack a value
+    for the same reason.
 
     why: the reason why values are missing, else empty; values: one value, or left and right.
     """
@@ -138,7 +139,7 @@ def _groups(measures: Sequence[Measure]) -> dict[str, list[MeasureRow]]:
 
 
 def _entries(measures: Sequence[Measure]) -> list[list[Measure]]:
-    """Group the measures into table rows, see ``MeasureRow``."""
+    """Group the measures into lists, one list for each table row (see ``MeasureRow``)."""
     entries: list[list[Measure]] = []
     for measure in measures:
         last = entries[-1][-1] if entries else None
@@ -182,17 +183,15 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def form_within(like: Measure, value: float | None, low: float | None, high: float | None) -> Form:
-    """Return the form of a number with the unit of the measure ``like``: as many digits as the number's 95 % interval
-    justifies, if it has one.
+    """Return the form of a number with the unit of the measure ``like``. If the number has a 95 % interval, the form
+    has as many digits as the interval justifies.
     """
     sigma = None if low is None or high is None else (high - low) / 2.0 / NORMAL_95
     return value_form(replace(like, value=value or 0.0, sigma=sigma or None, why=None))
 
 
 def value_and_interval(like: Measure, value: float, low: float | None, high: float | None) -> Markup:
-    """Return the text of a difference with its sign and, if it has one, its 95 % interval; like: as in
-    ``form_within``.
-    """
+    """Return the text of a difference with its sign and, if known, its 95 % interval; like: as in ``form_within``."""
     form = form_within(like, value, low, high)
     text = Markup("{}{}").format("+" if value > 0 else "", figure(value, form))
     if low is None or high is None:
@@ -207,7 +206,8 @@ def inferred_share(measure: Measure, after: str = " %") -> Markup:
     return figure(measure.inferred_share, Form(times=100.0, after=after, share=True))
 
 
-ROUNDING_S: Final = 0.001  # s; a shorter time of unknown posture, or without the patient, is a rounding error
+# s; a time with unknown posture, or without the patient, that is shorter than this is a rounding error
+ROUNDING_S: Final = 0.001
 
 
 def measure_rows(measures: Sequence[Measure]) -> list[tuple[str, str, str, str]]:

@@ -1,4 +1,6 @@
-"""Write report.html from the tables, run.json and pictures of a results folder. The page needs no other files."""
+"""Write report.html from the tables, run.json and pictures of a results folder. The page contains everything that it
+shows, so a browser needs no other files.
+"""
 
 from __future__ import annotations
 
@@ -243,7 +245,9 @@ def _kept_frame(session: Session, frame: int, pictures: Sequence[dict[str, Any]]
 
 
 def _figure(folder: Path, picture: dict[str, Any]) -> Figure:
-    """Decode the picture and encode it again, so that nothing but its pixels gets into the page."""
+    """Decode the picture and encode it again, so that only its pixels get into the page, and not other content of its
+    file.
+    """
     caption = f"Camera {picture['camera']}. {picture['caption']}"
     pixels = read_image(folder / picture["file"], cv2.IMREAD_COLOR)
     if pixels is None:
@@ -268,8 +272,8 @@ REPORT_FILE: Final = "report.html"
 def write_report(
     results: Path, reliability: Path | None = None, measures: Sequence[str] = (), reference: str = ""
 ) -> Path:
-    """Write report.html into a results folder and return its path. The same results with the same raters' scores always
-    give a page with the same bytes.
+    """Write report.html into a results folder and return its path. The same results, with the same scores of raters,
+    always give a page with the same bytes.
 
     reliability: a table of ``anchorpose reliability``; a difference between conditions below the table's minimal
     detectable change does not count as demonstrated; measures: names of the measures that are compared between

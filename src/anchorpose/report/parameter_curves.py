@@ -20,8 +20,8 @@ MOST_TICKS: Final = 9
 
 
 class Level(NamedTuple):
-    """The trials with the same value of a parameter: this value, their number, the measure's mean over them, and half
-    the width of the mean's 95 % interval; NaN if unknown, as for a single trial.
+    """The trials with the same value of a parameter. at: this value; trials: their number; mean: the measure's mean
+    over these trials; half: half the width of the mean's 95 % interval, NaN if unknown, as for a single trial.
     """
 
     at: float
@@ -110,7 +110,9 @@ def _cells(side: str, level: Level, column: TrialColumn, unit: str) -> tuple[str
 
 
 def _ticks(levels: np.ndarray, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Return the ticks: every level or, if there are many, the first, the last and some between them."""
+    """Return the ticks of the horizontal axis, as (share of the width, text): all levels or, if their number exceeds
+    ``MOST_TICKS``, the first, the last and some levels between them.
+    """
     if len(levels) > MOST_TICKS:
         levels = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_TICKS).astype(int))]
     return [(float(share), f"{level:g}") for share, level in zip(across(levels, span), levels.tolist(), strict=True)]

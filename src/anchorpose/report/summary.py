@@ -41,7 +41,7 @@ patient was in plain view.
 
 MUCH_LOST, MOSTLY_LOST = 0.1, 0.5
 """Limits of the share of lost joint positions. Above the first limit, the verdict on the data begins with the lost
-positions. Above the second limit, it states that most positions are lost.
+positions. Above the second limit, the verdict states that most positions are lost.
 """
 
 
@@ -70,7 +70,9 @@ def _recorded(session: Session) -> Markup:
 
 
 def _duration_s(session: Session) -> float:
-    """Return the duration in s as the measures define it, in which the last frame lasts as long as a usual frame."""
+    """Return the duration of the recording in s, as the measures define it: the last frame counts as lasting as long as
+    a usual frame. If this measure has no value, return the time from the first frame to the last.
+    """
     measured = _measure(session, "recorded_time")
     if measured is None or measured.value is None:
         return float(np.ptp(session.joints.time_s))
@@ -240,7 +242,9 @@ THROUGH: Final = Markup("At some moments a limb lies where a camera sees somethi
 
 
 class MomentSection(NamedTuple):
-    """A sentence, and the worst moments as rows of (time, cells)."""
+    """The content of the section on moments at which body and depth images disagree: a sentence, and the worst moments
+    as table rows (time, cells).
+    """
 
     sentence: Markup
     rows: list[tuple[Markup, list[Markup]]]

@@ -1,7 +1,8 @@
 """Draw the session over time: trials, posture, contacts, visibility and sigma of joints, frames with problems.
 
 A contact is a light column from its beginning to its end. The column is dark up to the share of the touching skin that
-was seen. Each contact has only one such share, since the tables do not state at which moments it was seen.
+was seen. Each contact has only one such share, since the tables do not state at which moments the touching skin was
+seen.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def timeline(session: Session) -> Chart:
 
 
 def short_timeline(session: Session, label: str) -> Chart:
-    """Return posture and contacts only, to be shown beside other sessions."""
+    """Return a chart with only posture and contacts, to be shown beside the charts of other sessions."""
     return Chart(
         identity=f"timeline-{session.name}",
         title=f"Posture and contacts of {label}",
@@ -171,7 +172,7 @@ def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
 
 def _confidence(session: Session) -> tuple[list[Row], list[Reading]]:
     """Return the rows on the uncertainty of joints and on matched points, with their readings for the slider, and the
-    row of frames that the body does not explain.
+    row of frames in which the fitted body does not explain the depth images.
     """
     rows, spoken, bins = [heading("Confidence")], list[Reading](), session.bins
     for name, value in zip(("median", "worst"), joint_confidence_mm(session), strict=True):
@@ -231,8 +232,8 @@ def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
 
 
 def _state_row(label: str, bins: Bins, height: int, **levels: np.ndarray) -> Row:
-    """Return a row of columns. levels: the columns' heights (b,), 0 to 1, by the CSS classes of the columns; each
-    keyword is the classes with ``_`` in place of a space.
+    """Return a row of columns. levels: heights (b,) of columns, 0 to 1; each keyword names the CSS classes of its
+    columns, with ``_`` in place of a space.
     """
     shapes = tuple((kind.replace("_", " "), step_path(level, bins)) for kind, level in levels.items())
     return Row(label=label, height=height, shapes=shapes, kind="state")
@@ -355,8 +356,8 @@ def touch_rows(session: Session) -> list[Row]:
 
 
 def touch_reading(session: Session) -> Reading:
-    """Return, for each group of frames, every touched part of the body, who or what touches it, and the seen share of
-    the contact.
+    """Return, for each group of frames, every touched part of the body, the person or equipment that touches it, and
+    the share of the touching skin that was seen.
     """
     first, last = session.bins.frame[session.bins.start], session.bins.frame[session.bins.last]
     texts: list[list[str]] = [["not known: patient lost"] if lost else [] for lost in _lost(session)]

@@ -133,8 +133,9 @@ class TrendSection(NamedTuple):
 
 
 def trend_section(sessions: Sequence[Session], dates: Sequence[date] | None, detectable: Detectable) -> TrendSection:
-    """Return the trends of the main measures, in the order of ``COMPARED``. dates: None if they are unknown.
-    detectable: minimal detectable changes; a smaller change over the whole time is not called a trend.
+    """Return the trends of the main measures, in the order of ``COMPARED``. dates: the day of each session, None if the
+    days are unknown. detectable: minimal detectable changes; a smaller change over the whole time is not called a
+    trend.
     """
     if dates is None:
         return TrendSection(NO_DATES, [], [])
@@ -265,7 +266,9 @@ APART: Final = 0.12
 
 
 def _spread(shares: np.ndarray, dates: Sequence[date]) -> list[tuple[float, date]]:
-    """Return the dates that can be written without overlap, each with its place as a share of the width."""
+    """Return the dates that can be written below the chart without overlap, each with its place as a share of the
+    width.
+    """
     kept = list[tuple[float, date]]()
     for share, day in zip(shares.tolist(), dates, strict=True):
         if not kept or share - kept[-1][0] >= APART:

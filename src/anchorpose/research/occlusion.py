@@ -112,7 +112,8 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
     free = solve_distance(occlusion.whole, np.array([node]), solver=occlusion.solver)[0]
     bound = np.full(len(free), np.nan, np.float32)
     bound[occlusion.node] = solve_distance(occlusion.seen, np.array([place]), solver=occlusion.solver)[0]
-    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf  # NaN: only edges without triangles lead there
+    # NaN means that only edges without triangles lead to a seen node; the node then counts as disconnected
+    bound[np.isnan(bound) & ~occlusion.hidden] = np.inf
     with np.errstate(invalid="ignore"):
         return Light(occlusion, np.where(np.isfinite(free), bound - free, np.nan).astype(np.float32))
 

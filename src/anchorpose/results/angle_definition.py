@@ -62,8 +62,8 @@ def arcsin(sine: np.ndarray) -> np.ndarray:
 LEAST_LEVER: Final = 0.2588
 """Sine of 15 degrees. An angle about an axis is computed from the component of a vector that is perpendicular to the
 axis. If this component is shorter than ``LEAST_LEVER`` times the vector, the angle has no value: the vector is then
-nearly parallel to the axis (gimbal lock). An error of a joint then changes the angle at least about four times as much
-as it would for a perpendicular vector.
+nearly parallel to the axis (gimbal lock). An error in the position of a joint then changes the angle at least about
+four times as much as it would for a perpendicular vector.
 """
 
 PLANE_UNKNOWN_RAD: Final = np.radians(15.0)
@@ -76,12 +76,14 @@ Points = Mapping[str, np.ndarray]
 """Joint centres by name, each (3, n) in metres, in world coordinates."""
 
 Reading = tuple[np.ndarray, "np.ndarray | float"]
-"""An angle (n,) in radians, and its lever (n,): a ratio of lengths, whose minimum is ``LEAST_LEVER``."""
+"""An angle (n,) in radians, and its lever (n,): a number from 0 to 1 that states how well the joints determine the
+angle, such as the ratio of lengths in ``LEAST_LEVER``. If the lever is below ``LEAST_LEVER``, the angle has no value.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class AngleGroup:
-    """A group of angles that one formula computes from the same joints. The formula returns them in the order of
+    """A group of angles that one formula computes from the same joints. The formula returns the angles in the order of
     ``names``.
 
     own_sigma: function that returns the standard deviation (n,) in radians of the error that the formula makes even
@@ -95,13 +97,13 @@ class AngleGroup:
 
 
 def hinge_sigma(points: Points, side: str, limb: tuple[str, str, str], aside_rad: float) -> np.ndarray:
-    """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians: the angle
-    between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge (elbow or
-    knee).
+    """Return the error that a sideways bow of the limb causes, as a standard deviation (n,) in radians. The error is
+    the angle between the plane through the limb's three joints and the plane perpendicular to the axis of its hinge
+    (elbow or knee).
 
-    limb: the joints at its root, hinge and end, without the side. aside_rad: standard deviation, between people, of the
-    angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow rotates the plane
-    through its joints.
+    limb: names, without the side, of the joints at the limb's root, hinge and end. aside_rad: standard deviation,
+    between people, of the angle by which limbs are bowed sideways. The less the limb is bent, the more a sideways bow
+    rotates the plane through its joints.
     """
     root, hinge, end = (points[f"{name}{side}"] for name in limb)
     bent = np.sin(between(hinge - root, end - hinge))

@@ -36,11 +36,13 @@ class Effect:
 
     reference, condition: names of the two conditions; counts: how many trials of each condition were compared.
     difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
-    value of the permutation test, adjusted for the number of conditions; exact: whether p comes from all assignments of
-    conditions to trials, not from a sample. detectable: smallest difference that counts as real. It is the limit that
-    errors of measurement alone exceed only 5 times in 100, or the MDC95 (minimal detectable change) of repeated
-    sessions, whichever is larger; None if both are unknown. repeated: whether detectable is an MDC95. design:
-    ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference is not tested, if p is None.
+    value of the permutation test, adjusted for the number of conditions; exact: whether p was computed from all
+    possible assignments of conditions to trials, not from a random sample of them. detectable: smallest difference that
+    counts as real: the larger of two limits, plus the difference that trials of different length alone can cause; None
+    if neither a limit nor this difference is known. One limit is the difference that errors of measurement alone exceed
+    only 5 times in 100. The other limit is the MDC95 (minimal detectable change) of repeated sessions. repeated:
+    whether the larger limit is the MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference
+    is not tested, if p is None.
     """
 
     reference: str
@@ -78,12 +80,12 @@ def effects(
     untested: Mapping[str, str] | None = None,
     allowed: Mapping[str, float] | None = None,
 ) -> list[Effect]:
-    """Return the effect on one measure of every condition except the reference.
+    """Return, for one measure, the effect of every condition except the reference.
 
     rows: the measure in each trial. The reference is the first of ``trials.conditions``. repeated: the measure's MDC95
-    if it is known from repeated sessions. untested: for conditions whose effect on this measure is not tested, the
-    reason, by condition. allowed: by condition, the difference that trials of different length explain; it is added to
-    the smallest difference that counts as real.
+    if it is known from repeated sessions. untested: by condition, the reason why the effect of this condition on the
+    measure is not tested. allowed: by condition, the difference that trials of different length alone can cause; it is
+    added to the smallest difference that counts as real.
     """
     by_number = {row.trial: row for row in rows}
     reference, *others = trials.conditions
@@ -131,8 +133,8 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return the way in which the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``), the indices of the
-    two conditions' trials in the order of time, and the block of each of these trials.
+    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``). Also return the indices of the
+    two conditions' trials, in the order of time, and the block of each of these trials.
 
     A trial without a named block forms a block by itself, so it is not compared with any other trial.
     """
@@ -166,8 +168,8 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: as in ``Effect``. Either
-    is None if unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: the difference that
+    errors of measurement alone exceed only 5 times in 100. Either is None if unknown.
     """
 
     half: float | None
@@ -176,13 +178,14 @@ class Spread:
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float) -> Spread:
     """Return the uncertainty of the difference between conditions. value (n,): the measure in each trial; sigma (n,):
-    the standard deviations of these values, NaN where unknown; share: the systematic share of their variance.
+    the standard deviations of these values, NaN where unknown; share: share of their variance that is due to systematic
+    errors.
 
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
-    fully correlated. They cancel in the difference if they are equally large; the variance of any remainder is added to
-    the variance of the scatter. Trials that do not scatter and have no sigma, such as equal counts, leave the interval
-    unknown.
+    fully correlated. These errors cancel in the difference if they are equally large; if a part of them remains, its
+    variance is added to the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is
+    unknown, the interval is unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))
@@ -201,8 +204,9 @@ def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:
     degrees of freedom; NaN for too few trials.
 
     If every block has each condition at least twice, the scatter among trials of the same block and condition is used.
-    It may differ between blocks and conditions, so the degrees of freedom are those of Welch 1947
-    (doi:10.1093/biomet/34.1-2.28). Else the scatter of the blocks' differences between conditions is used.
+    This scatter may differ between blocks and conditions, so the degrees of freedom are those of Welch 1947
+    (doi:10.1093/biomet/34.1-2.28). Otherwise, the difference between the conditions is computed in each block, and the
+    scatter of these differences is used.
     """
     sizes = np.array([len(cell) for cell in blocks.cells])
     if sizes.min() > 1:

@@ -1,5 +1,5 @@
-"""Find the contacts of the patient with people and equipment, from their distances in each frame: when each contact
-begins and ends.
+"""Find when each contact of the patient with people and equipment begins and ends, from their distances in each
+frame.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ from anchorpose.results.records import PERSON, Contact
 from anchorpose.settings import NotNegative, Positive, settings
 
 FREE_SHARE: Final = 0.5
-"""Share of the skin that was touched last. If cameras see at least this share untouched, the contact has ended."""
+"""Limit of the seen share of the patient's skin points that a person touched last. In a frame without a touch, the
+contact may continue hidden behind this person only if cameras see less than this share of these points. Otherwise the
+person does not hide the skin, so the touch has paused or ended (``release_s``).
+"""
 
 HIDDEN_M: Final = 0.08
 """Maximum distance in m at which a hidden contact continues: the distance between another person's skin and the
 patient's skin that this person last touched. The value is the length of a palm, since the cameras may see only the back
-or the wrist of the hand that holds on; a person who has let go is farther away.
+or the wrist of the hand that holds on. A person who has let go is farther away.
 """
 
 SHOWN_SHARE: Final = 0.2
@@ -37,18 +40,20 @@ seen. The value is the share that is required for a joint to be observed.
 class ContactConfig:
     """Limits that define when skin counts as touched, when touched skin becomes a contact, and when a contact ends."""
 
-    # m, maximum distance between touched skin and the skin of another person: 3 cm, plus 2 cm for the fingers of a
-    # holding hand if the cameras see only its back, plus half the spacing of the skin points of other people.
+    # m, maximum distance between touched skin and the skin of another person. The value is the sum of 3 cm, of 2 cm for
+    # the fingers of a hand of which the cameras see only the back, and of half the spacing of the skin points of other
+    # people.
     reach_m: Positive = 0.06
-    begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few finger tips); less may be noise
-    keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area of one skin point
+    begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few fingertips); a smaller area may be noise
+    keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area that one skin point represents
     begin_s: NotNegative = 0.1  # s, minimum duration of a contact; a passing sleeve touches for a shorter time
     release_s: NotNegative = 0.3  # s, maximum pause in a contact; segmentation may miss a hand for a few frames
     # m, maximum gap between touched skin and equipment: the model of the equipment is accurate to 1 cm, and folds of
     # clothes are as large.
     equipment_touch_m: Positive = 0.01
-    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2  # minimum probability of touch to continue a contact
-    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap to begin a contact: half a fist
+    # minimum probability of a touch, computed from the gap and its sigma, for a contact to continue
+    equipment_keep: Annotated[float, Field(gt=0, lt=0.5)] = 0.2
+    equipment_sigma_m: Positive = 0.03  # m, maximum sigma of an unseen gap that begins a contact: half a fist
 
     def __post_init__(self) -> None:
         if self.keep_m2 > self.begin_m2:
@@ -67,7 +72,8 @@ class _Key(NamedTuple):
 
 class _Touch(NamedTuple):
     """Evidence of one frame for a contact: indices of the touched skin points (none for equipment), whether the touch
-    suffices to begin a contact, the touched area, the seen share of this area, and the gap between the two surfaces.
+    is large or certain enough to begin a contact, the touched area, the seen share of this area, and the gap between
+    the two surfaces.
     """
 
     skin: np.ndarray
@@ -126,7 +132,7 @@ class ContactIntervals:
     def push(
         self, frame: int, time_s: float, near: Nearness | None, gaps: EquipmentGaps | None = None
     ) -> Iterator[Contact]:
-        """Add one more frame; yield the contacts that ended before it.
+        """Add the next frame; yield the contacts that ended before this frame.
 
         near: None if the patient is lost. Other people are not followed while the patient is lost, so they get new
         names afterwards. gaps: None if the patient is lost or the equipment is unknown.

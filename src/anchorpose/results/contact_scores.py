@@ -91,8 +91,8 @@ def evaluate_contacts(contacts: Sequence[Contact], frame: np.ndarray, truth: Tru
 
 
 def reported_parts(contacts: Sequence[Contact], frame: np.ndarray) -> np.ndarray:
-    """Return (t, regions) bool: whether one of the contacts touches the region in the frame of the truth; frame (t,) as
-    in ``evaluate_contacts``.
+    """Return (t, regions) bool: whether one of the contacts touches the region in the frame of the truth. frame (t,):
+    number of the result's frame that is matched to each frame of the truth.
     """
     reported = np.zeros((len(frame), len(REGIONS)), dtype=bool)
     for contact in contacts:

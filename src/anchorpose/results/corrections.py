@@ -133,8 +133,8 @@ def _subject(entry: Correction) -> tuple[int, str] | str | None:
 
 
 def _kind_of(value: Any) -> str:
-    """Return the class name of a correction in JSON form: it corrects a joint if it has the key ``joint``, else it
-    names the patient if it has a position, else it is an interval.
+    """Return the class name of a correction in JSON form. A correction with the key ``joint`` is a ``JointCorrection``;
+    another correction with a position names the patient; any other correction is an interval.
     """
     if not isinstance(value, dict):
         return "UnusableInterval"
@@ -283,7 +283,7 @@ def read_corrections(path: Path) -> Corrections:
 
 def corrections_of_run(path: Path, run: dict[str, Any]) -> Corrections:
     """Return the corrections (possibly none) with which the results of ``run`` were tracked, so that the next review
-    begins with them. run: content of the run.json at ``path``. Raises InputError if they cannot be used.
+    begins with them. run: content of the run.json at ``path``. Raises InputError if the corrections cannot be used.
     """
     recording, part = recording_of_run(run), {"corrections": run.get("corrections")}
     held = validate(path, dict[str, CorrectionsRecord | None], part)["corrections"]

@@ -38,7 +38,7 @@ an error along an axis exceeds this multiple once in 16 000 cases.
 """
 
 PLAIN_VIEW: Final = 0.5
-"""Minimum share of a limb's skin that one camera must see for the limb to be in plain view."""
+"""Minimum share of a limb's skin that one camera must see for the limb to count as in plain view."""
 
 _ENDS: Final = {"arm": ("Elbow", "Wrist", "Hand"), "leg": ("Knee", "Ankle", "Foot")}
 _FREE: Final = {
@@ -52,7 +52,9 @@ LIMBS_JUDGED: Final[Mapping[str, np.ndarray]] = {
     name: np.array([JOINT_INDEX[joint] for joint in joints])
     for name, joints in {**_FREE, "trunk_and_head": _TRUNK}.items()
 }
-"""By limb, indices (k,) of the joints whose errors count for it; shoulders and hips count for ``trunk_and_head``."""
+"""By limb, indices (k,) of the joints whose errors count as errors of the limb; shoulders and hips count as
+``trunk_and_head``.
+"""
 
 
 SEEN_SHARE: Final = 0.25
@@ -61,9 +63,10 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest unbroken time in which a limb was in plain view with a joint over ``WRONG_M`` from its true place, or
-    in which any joint was that far off. joint: this joint, None for a limb; start_s: when this time began. Both are
-    None if every joint was always nearer.
+    """The longest error of a limb or of a joint. For a limb, this is the longest unbroken time in which the limb was in
+    plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the longest unbroken
+    time in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time
+    at which the error began. Both are None if no such error occurred.
     """
 
     joint: str | None = None
@@ -91,8 +94,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
 
 
 def seen_joints(truth: Truth) -> np.ndarray | None:
-    """Return (t, 21) bool: whether some camera sees enough of the skin around the joint; None if the truth does not
-    state it.
+    """Return (t, 21) bool: whether some camera sees at least ``SEEN_SHARE`` of the skin around the joint; None if the
+    truth does not state which skin each camera sees.
     """
     return None if truth.seen_share is None else np.asarray((truth.seen_share >= SEEN_SHARE).any(axis=2))
 
@@ -126,7 +129,9 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, LongestE
 
 
 def _longest_run(flags: np.ndarray, time_s: np.ndarray, joint: str | None = None) -> LongestError:
-    """Return the longest unbroken run of True in ``flags`` (n,), the errors of ``joint`` or of a limb; time_s (n,)."""
+    """Return the longest unbroken run of True in ``flags`` (n,), which states whether ``joint`` (or, if None, a limb)
+    is wrong in each frame. time_s (n,): times of the frames.
+    """
     period_s = 2.0 * half_period_s(time_s)
     found = [
         LongestError(joint=joint, start_s=float(time_s[run.start]), seconds=float(np.ptp(time_s[run]) + period_s))
@@ -176,7 +181,7 @@ def angle_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, An
 
 def axis_errors(joints: JointTable, truth_m: np.ndarray) -> tuple[tuple[str, AngleError], ...]:
     """Return the error of the axis of rotation of each knee and elbow: its angle to the axis that is computed from the
-    true joints. truth_m: as in ``angle_errors``.
+    true joints. truth_m (n, 21, 3): the true joints in metres, NaN where unknown.
     """
     found = revolute_axes(joints)
     true = revolute_axes(replace(joints, position_m=truth_m, sigma_m=np.zeros_like(joints.sigma_m)))
@@ -227,31 +232,35 @@ class Evaluation:
     per_state: tuple[tuple[str, ErrorSummary], ...]
     observed: ErrorSummary  # joints that the result calls observed
     hidden: ErrorSummary  # joints that the result infers: neither observed nor lost
-    truly_seen: ErrorSummary | None  # joints that some camera truly sees; None if the truth does not state it
-    truly_hidden: ErrorSummary | None  # joints that no camera truly sees; None if the truth does not state it
+    # joints that some camera truly sees; None if the truth does not state what each camera sees
+    truly_seen: ErrorSummary | None
+    # joints that no camera truly sees; None if the truth does not state what each camera sees
+    truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames with a confident error
-    # share of the joint positions without a true position (patient away, limb missing) that the results report all the
-    # same; no other figure counts them; None if the truth has all positions
+    # share of the joint positions without a true position (patient away, limb missing) for which the results report a
+    # position; no other figure includes them; None if every joint has a true position
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
-    wrong_in_view: tuple[tuple[str, LongestError], ...]  # by limb
+    wrong_in_view: tuple[tuple[str, LongestError], ...]  # by limb: its longest error while in plain view
     # whether the truth states what each camera saw; if not, limbs count as in plain view except in occluded frames
     view_known: bool
     longest_off: LongestError  # longest unbroken time in which one joint was far from its true place
     occluded_frames: ErrorSummary  # frames that the truth calls occluded
     clear_frames: ErrorSummary
-    drift_ratio: float | None  # mean error in the second half of the frames, divided by the first half's
+    # mean error in the second half of the frames, divided by the mean error in the first half
+    drift_ratio: float | None
     # contacts with people; None if truth or result does not state such contacts
     contacts: ContactEvaluation | None = None
-    # contacts with equipment; None as for ``contacts``, and also if tracking did not search for contacts with equipment
+    # contacts with equipment; None if truth or result does not state such contacts, or if tracking did not search for
+    # them
     supports: ContactEvaluation | None = None
     session: SessionEvaluation | None = None  # None if the truth is not that of a simulated session
 
 
 def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
-    """Compare a results folder with a truth.npz; each frame of the truth is matched to the frame of the results nearest
-    in time, if the two are at most half of the truth's frame interval apart.
+    """Compare a results folder with a truth.npz. Each frame of the truth is matched to the frame of the results that is
+    nearest in time, if the two frames are at most half of the truth's frame interval apart.
 
     The first ``skip_s`` seconds of the truth are left out. Raises InputError if a file cannot be used, or results and
     truth have too few times in common.
@@ -277,13 +286,15 @@ def evaluate(results: Path, truth: Path, skip_s: float = 0.0) -> Evaluation:
 
 
 CLOSER: Final = 10.0
-"""Minimum factor by which the truth's frame interval and duration are both smaller than in the results, for the truth's
-times to count as in another unit. For a truth in minutes, both are 60 times smaller.
+"""The truth's times count as in another unit if the truth's frame interval and its duration are both smaller than in
+the results, by more than this factor. For a truth in minutes, both are 60 times smaller.
 """
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours. The truth may have fewer frames than results."""
+    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds may have fewer frames than the
+    results, or cover a shorter time, without an error.
+    """
     if min(len(truth_s), len(results_s)) < 2:
         return
     steps, spans = ((each(results_s) / each(truth_s)) for each in (usual_step_s, np.ptp))
@@ -308,7 +319,7 @@ def _require_compared(path: Path, truth: Truth, match: np.ndarray, results_frame
 
 def compare(joints: JointTable, truth: Truth, truth_frames: int, results_frames: int) -> Evaluation:
     """Return the evaluation of matched frames: row i of joints and row i of truth are the same frame. truth_frames,
-    results_frames: numbers of all frames.
+    results_frames: number of frames of the truth and of the results, matched or not.
     """
     errors, seen, codes = _errors(joints, truth.position_m), seen_joints(truth), joints.state_code
     observed = codes == STATE_CODE[JointState.OBSERVED]

@@ -96,7 +96,7 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
     """Return rows of text, one per kind of event: how many occur in the truth, are found, are found in time and are
-    falsely found, and the mean delay in s. The list is empty unless the truth is of a session.
+    falsely found, and the mean delay in s. The list is empty unless the truth is that of a simulated session.
     """
     return [
         (
@@ -153,8 +153,9 @@ def _percent(part: int, whole: int) -> str:
 
 
 def confidence_sentences(evaluation: Evaluation) -> list[str]:
-    """Return sentences on how often the result is wrong without showing it: confident errors, reported joints of an
-    absent patient or limb, limbs wrong in plain view, and the share of coordinates within 1.96 sigma.
+    """Return sentences on how often the result is wrong without any sign of the error in the result. The sentences are
+    about confident errors, reported joints of an absent patient or limb, limbs wrong in plain view, and the share of
+    coordinates within 1.96 sigma.
     """
     sentences = []
     if evaluation.confident_errors is not None:

@@ -15,27 +15,31 @@ from anchorpose.results.frame_table import FrameTable, Numbers
 from anchorpose.results.frame_time import worst_rows
 from anchorpose.results.parquet import TRACK_AGAIN
 
-if TYPE_CHECKING:  # for types only: readers of results must not import kernels
+if TYPE_CHECKING:  # for types only, since programs that only read results must not import compiled kernels
     from anchorpose.body.explanation import Explanation
 
 PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
-"""The parts of ``Explanation.seen_past``, in its order; the trunk includes the head."""
+"""Names of the body parts in ``Explanation.seen_past``, in the same order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-UNCOVERED_CM2: Final = 80.0  # cm2, minimum uncovered area that counts as bad: a hand; clothes and grips cause up to 40
-SEEN_PAST: Final = 0.3  # minimum share of a part's skin seen past to count as bad; correct parts have less
+# cm2, minimum uncovered area that counts as bad: the area of a hand; clothes and other people's grips cause up to 40
+# cm2
+UNCOVERED_CM2: Final = 80.0
+# minimum share of a part's skin that a camera sees past, for the part to count as badly placed; correctly placed parts
+# have less
+SEEN_PAST: Final = 0.3
 APART_S: Final = 0.5  # s, minimum time between two moments in run.json; closer moments show the same situation
 MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """The measures of how well the pose of one frame explains the frame (``Explanation``).
+    """The measures of how well the pose of one frame explains the frame's depth images (``Explanation``).
 
     uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
-    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past (the camera measures a
-    surface farther away there), in the order of ``PART_NAMES``; NaN where the patient is lost or too little of the part
-    is in view.
+    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past, in the order of
+    ``PART_NAMES``. A camera sees past skin if it measures a surface farther away at this place. The share is NaN where
+    the patient is lost or too little of the part is in view.
     """
 
     frame: int
@@ -47,7 +51,7 @@ class ExplainedFrame:
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedTable:
     """The measures of all frames: frame (n,) int32, time_s (n,) float64, uncovered_cm2 (n,) and seen_past (n, 5)
-    float32, as in ``ExplainedFrame``.
+    float32. ``ExplainedFrame`` states their meaning.
     """
 
     frame: np.ndarray
@@ -72,7 +76,7 @@ EXPLAINED_FILE, read_explained, write_explained = EXPLAINED.file, EXPLAINED.read
 
 
 def explained_frame(frame: int, time_s: float, explanation: Explanation | None) -> ExplainedFrame:
-    """Return the row of a frame; explanation: None if the patient is lost."""
+    """Return the row of explained.parquet for a frame; explanation: None if the patient is lost."""
     if explanation is None:
         return ExplainedFrame(frame, time_s, np.nan, np.full(PARTS, np.nan))
     anything_seen = len(explanation.covered) + len(explanation.node) > 0
@@ -82,8 +86,9 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return the badness (n,) of each frame's explanation. It is the larger of two ratios: the uncovered area divided
-    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. At 1 or more, a
-    limb is probably not where it is reported. The result is NaN if neither quantity is known.
+    by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. If the badness is
+    1 or more, a limb is probably not at the place that the result reports. The result is NaN if neither quantity is
+    known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
     return np.asarray(np.fmax(table.uncovered_cm2 / UNCOVERED_CM2, past), dtype=np.float64)
@@ -133,6 +138,6 @@ def _reason(table: ExplainedTable, row: int) -> str:
         reasons.append(f"{uncovered_cm2:.0f} cm² of the patient's surface is covered by no limb")
     for name, share in zip(PART_NAMES, table.seen_past[row].tolist(), strict=True):
         if share >= SEEN_PAST:
-            limb = " ".join(reversed(name.split("_")))  # such as "left arm" for ``arm_left``
+            limb = " ".join(reversed(name.split("_")))  # for example, "left arm" for ``arm_left``
             reasons.append(f"the {limb} lies in front of what a camera sees: {100.0 * share:.0f} %")
     return "; ".join(reasons)

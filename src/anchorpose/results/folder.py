@@ -22,9 +22,9 @@ from anchorpose.recording.writable import check_place, new_folder, whole_file
 class FolderKind:
     """A kind of folder that a command writes: how it is recognised, and which files in it the command may replace.
 
-    name: for messages. marks: names of files by which the folder is recognised as replaceable. own: patterns
-    (``fnmatch``) that match the paths of all files that the command writes. All other files are the user's and are kept
-    when the folder is replaced.
+    name: the kind's name in messages. marks: names of files by which the folder is recognised as replaceable. own:
+    patterns (``fnmatch``) that match the paths of all files that the command writes. All other files are the user's and
+    are kept when the folder is replaced.
     """
 
     name: str
@@ -51,7 +51,8 @@ RESULTS: Final = FolderKind(
 def new_results_folder(
     path: Path, recording: Path, overwrite: bool = False, kind: FolderKind = RESULTS
 ) -> Iterator[Path]:
-    """Yield a folder for results of ``recording`` that becomes ``path`` at the end; see ``whole_or_nothing``.
+    """Yield a new folder for results of ``recording``. When the ``with`` block ends without an error, the folder is
+    moved to ``path``; after an error, it is removed.
 
     An existing result, recognised by the marks of its kind, is replaced only with ``overwrite``; any other folder that
     is not empty is never touched. Raises InputError, before writing anything, if ``path`` may not be replaced.
@@ -66,8 +67,8 @@ def whole_or_nothing(path: Path, own: Sequence[str] = ()) -> Iterator[Path]:
     """Yield a new folder beside ``path``. When the ``with`` block ends, the new folder replaces ``path``, or is removed
     if there was an error.
 
-    own: patterns of the files that may be replaced; see ``publish``. Raises InputError if nothing can be written
-    there, or ``path`` is a link.
+    own: patterns (``fnmatch``) of the files in ``path`` that may be deleted. Raises InputError if nothing can be
+    written beside ``path``, or if ``path`` is a link.
     """
     if path.is_symlink():
         raise InputError(path, "is a link", "choose another name; nothing was touched")
@@ -99,15 +100,15 @@ def naming_place(place: Path) -> Iterator[None]:
 def publish(made: Path, path: Path, own: Sequence[str] = ()) -> None:
     """Move the finished folder ``made`` to ``path``, and delete the files that an earlier run has written there.
 
-    own: patterns, as for ``fnmatch``, of the files that may be deleted; without patterns, only an empty folder is
-    replaced. Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError if
-    a folder or file that may not be replaced has meanwhile appeared at ``path``; ``made`` is then moved to a folder of
-    another name.
+    own: patterns (``fnmatch``) of the files that may be deleted; without patterns, only an empty folder is replaced.
+    Files of ``path`` that match no pattern are kept in a folder ``NAME.kept`` beside it. Raises InputError if a folder
+    or file that may not be replaced has meanwhile appeared at ``path``; ``made`` is then moved to a folder of another
+    name.
     """
     target = path.resolve()
     if not own or not target.exists():
         try:
-            os.rename(made, target)  # atomic; replaces an empty folder, never a filled one
+            os.rename(made, target)  # atomic; replaces an empty folder, but never a folder that contains files
         except OSError:
             other = free_name(target)
             os.rename(made, other)
@@ -145,7 +146,7 @@ def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
         if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
             file.unlink()
     for folder in [*sorted((folder for folder in old.rglob("*") if folder.is_dir()), reverse=True), old]:
-        with suppress(OSError):  # not empty
+        with suppress(OSError):  # a folder that is not empty stays
             folder.rmdir()
     if old.exists():
         old.rename(kept)

@@ -20,8 +20,8 @@ from anchorpose.results.parquet import RowGroups, open_parquet, read_parquet, re
 Frames = TypeVar("Frames")
 
 FRAMES_PER_ROW_GROUP: Final = 512
-"""Number of frames per row group of a file; in the table of joints, so many frames take half a megabyte of memory. This
-number never changes, since the bytes of the file depend on it.
+"""Number of frames per row group of a file; in the table of joints, 512 frames take half a megabyte of memory. This
+number never changes, so that the same values always give the same bytes in the file.
 """
 
 UNKNOWN: Final = -1
@@ -29,7 +29,9 @@ UNKNOWN: Final = -1
 
 
 def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
-    """Return a dataclass with the given rows, a slice, (k,) int or (n,) bool, of all its arrays."""
+    """Return the dataclass ``table`` with only the chosen rows of all its arrays. rows: a slice, indices (k,) int, or a
+    mask (n,) bool.
+    """
     values = {each.name: getattr(table, each.name) for each in fields(table)}  # type: ignore[arg-type]
     arrays: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(table, **arrays)  # type: ignore[type-var]
@@ -37,8 +39,8 @@ def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of numbers. In memory they are one array (..., names), or (...) for a single name. NaN in memory is null
-    in the file.
+    """Columns of numbers. In memory, the columns are one array (..., names), or (...) for a single name. NaN in memory
+    is null in the file.
 
     least, most: smallest and largest allowed number.
     """
@@ -225,7 +227,7 @@ class FrameTable(Generic[Frames]):
 
 def _codes(path: Path, column: pa.ChunkedArray, what: str, texts: Sequence[str], remedy: str) -> np.ndarray:
     """Return (n,) int64: the index of each row's text in ``texts``; raises InputError for a text that is not one of
-    them.
+    ``texts``.
     """
     encoded = column.combine_chunks().dictionary_encode()
     found, index = encoded.dictionary.to_pylist(), {text: number for number, text in enumerate(texts)}

@@ -27,8 +27,8 @@ FRAMES_AT_ONCE: Final = 4096
 
 
 def blocks(frames: int, at_once: int | None = None) -> Iterator[slice]:
-    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``). The
-    slices serve computations that need much more memory than their results.
+    """Yield slices that cover the rows from 0 to ``frames``, ``at_once`` rows each (None: ``FRAMES_AT_ONCE``).
+    Computations that need much more memory than their results process the rows of one slice at a time.
     """
     at_once = FRAMES_AT_ONCE if at_once is None else at_once
     for first in range(0, frames, at_once):
@@ -83,8 +83,8 @@ def frame_seconds(time_s: np.ndarray) -> np.ndarray:
 
 
 def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> list[slice]:
-    """Return the runs of ``chosen`` frames as ``unbroken_runs`` does, after leaving out all frames that are not
-    ``known`` (n,) bool.
+    """Leave out all frames that are not ``known`` (n,) bool, and return the unbroken runs of ``chosen`` frames among
+    the remaining frames.
 
     So a joint that is lost for a moment does not end a run. A run may contain unknown frames, but does not begin or end
     with an unknown frame.
@@ -105,7 +105,7 @@ def unbroken_runs(chosen: np.ndarray, time_s: np.ndarray, longest_step_s: float 
 
 def followed(known: np.ndarray, time_s: np.ndarray, seconds: float) -> np.ndarray:
     """Return (n,) bool: ``known`` frames after which all frames of the next ``seconds`` are known and at most a single
-    frame is dropped at a time. What lies beyond the last frame does not count.
+    frame is dropped at a time. Near the end of the recording, only the frames up to the last frame must be known.
     """
     found = np.zeros(len(known), dtype=bool)
     for run in unbroken_runs(known, time_s, longest_dropped_s(time_s)):

@@ -85,8 +85,8 @@ def _flexion(axes: Axes, line: np.ndarray) -> np.ndarray:
 
 
 def pelvis_angles(points: Points) -> tuple[Reading, ...]:
-    """Return tilt (front down positive), obliquity (right hip higher positive), rotation (turned to the left
-    positive).
+    """Return the pelvis angles: tilt (front down positive), obliquity (right hip higher positive), rotation (turned to
+    the left positive).
     """
     pelvis = pelvis_axes(points)
     z = pelvis.z
@@ -125,21 +125,22 @@ def hip_to_pelvis(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent: 0 =
-    the shank points straight back from the knee, perpendicular to the line through the hip joints; positive = inwards,
-    so that the foot moves outwards.
+    """Return the rotation of the thigh about its long axis, as determined by the plane in which the leg is bent. The
+    angle is 0 if the shank points straight back from the knee, perpendicular to the line through the hip joints. It is
+    positive if the thigh is rotated inwards, so that the foot moves outwards.
 
     The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
-    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since its plane is undetermined, or for
-    a leg that is bent backwards, since the normal of its plane is reversed.
+    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since the plane is then undetermined. A
+    leg that is bent backwards has no value either, since the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
-    normal = cross(unit(ankle - knee), y)  # its length: the sine of the bending angle
+    normal = cross(unit(ankle - knee), y)  # its length is the sine of the bending angle
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)  # along < 0: leg bent backwards, normal reversed
+    # ``along`` is negative if the leg is bent backwards, which reverses the normal
+    hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
 
@@ -147,11 +148,11 @@ def knee_flexion(points: Points, side: str) -> tuple[Reading, ...]:
     """Return the flexion of the knee: 0 = straight leg, negative = bent backwards (hyperextended).
 
     The plane in which a nearly straight leg bends is mostly determined by noise and by the leg's sideways bow. Below
-    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line of the hips: for a straight knee,
-    noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the plane of its
-    hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two limits, it
-    changes gradually from the first definition to the second. No knee bends backwards beyond ``PLANE_KNOWN_RAD``, so
-    there the angle is positive and does not need the line of the hips.
+    ``PLANE_UNKNOWN_RAD``, the angle is therefore the signed rotation about the line through the hip joints: for a
+    straight knee, noise then gives positive and negative angles, whose mean is zero. A clearly bent leg is bent in the
+    plane of its hinge: above ``PLANE_KNOWN_RAD``, the angle is the whole angle between thigh and shank. Between the two
+    limits, the angle changes gradually from the first definition to the second. No knee bends backwards beyond
+    ``PLANE_KNOWN_RAD``, so above this limit the angle is positive, and the line through the hip joints is not needed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     thigh, shank = unit(knee - hip), unit(ankle - knee)
@@ -202,19 +203,19 @@ def shoulder_plane(points: Points, side: str) -> tuple[Reading, ...]:
 
 
 def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
-    """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent: 0
-    = the forearm of the hanging arm points forward; positive = inwards, so that the hand moves towards the other side
-    of the body.
+    """Return the rotation of the upper arm about its long axis, as determined by the plane in which the arm is bent.
+    The angle is 0 if the forearm of the hanging arm points forward. It is positive if the arm is rotated inwards, so
+    that the hand moves towards the other side of the body.
 
-    The angle is computed from the arm's rotation relative to the trunk: the shortest rotation from the hanging arm to
-    the arm's direction is removed, and the remaining rotation is about the long axis. ISB's third angle is not used,
-    since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within ``PLANE_KNOWN_RAD``
-    of straight or of folded has no reliable plane, and so no value. An arm that is raised high has none, either, since
-    near overhead the shortest rotation is undetermined.
+    The angle is computed from the arm's rotation relative to the trunk. The shortest rotation from the hanging arm to
+    the arm's direction is removed from it; the remaining rotation is about the long axis. ISB's third angle is not
+    used, since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within
+    ``PLANE_KNOWN_RAD`` of straight or of folded has no reliable plane, and so no value. An arm that is raised high has
+    no value either, since near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
-    normal = cross(unit(wrist - elbow), y)  # its length: the sine of the bending angle
+    normal = cross(unit(wrist - elbow), y)  # its length is the sine of the bending angle
     bent, z = length(normal), unit(normal)
     x = cross(y, z)
     inwards = 1.0 if side == "Right" else -1.0
@@ -234,8 +235,9 @@ _HINGES: Final = {
     hip_rotation: partial(hinge_sigma, limb=("Hip", "Knee", "Ankle"), aside_rad=VARUS_VALGUS_RAD),
     shoulder_rotation: partial(hinge_sigma, limb=("Shoulder", "Elbow", "Wrist"), aside_rad=CARRYING_RAD),
 }
-"""For each formula whose angle depends on the plane in which a limb is bent: the function for ``AngleGroup.own_sigma``,
-with the limb's joints and the standard deviation in rad of the angle of its sideways bow.
+"""For each formula whose angle depends on the plane in which a limb is bent: the function for ``AngleGroup.own_sigma``.
+The function includes the limb's joints, and the standard deviation in rad of the angle by which the limb is bowed
+sideways.
 """
 
 
@@ -321,8 +323,9 @@ def _angles_of_some(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> t
 
 
 def _moved_too(group: AngleGroup, points: Points, sigma_m: np.ndarray) -> Points:
-    """Return 1 + 6 j variants of the group's j joints, each joint (3, 1 + 6 j, n): first all joints unchanged, then one
-    coordinate of one joint moved by its sigma, down and up.
+    """Return 1 + 6 j variants of the group's j joints, as an array (3, 1 + 6 j, n) for each joint. The first variant
+    has all joints unchanged. In each other variant, one coordinate of one joint is moved by the joint's sigma, down or
+    up.
 
     The formula is called once for all variants. For a single live frame (n = 1), separate calls for all variants would
     take longer than tracking.
@@ -349,8 +352,9 @@ ANGLE_NAMES: Final = tuple(name for group in ANGLE_GROUPS for name in group.name
 def joint_angles(joints: JointTable) -> AngleTable:
     """Return the angles ``ANGLE_NAMES`` of all frames. The state of an angle is the worst state of the joints involved.
 
-    An angle has no value where one of its joints is lost (its state is then ``lost``, too), or where the pose leaves it
-    undetermined (its state is then that of the joints). docs/angles.md states for each angle when it is undetermined.
+    An angle has no value where one of its joints is lost; its state is then ``lost``, too. An angle also has no value
+    where the pose leaves it undetermined; its state is then the state of the joints. docs/angles.md states for each
+    angle when it is undetermined.
     """
     shape = (len(joints.frame), len(ANGLE_NAMES))
     degrees, sigma_deg, state_code = np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int8)

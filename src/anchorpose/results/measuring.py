@@ -91,8 +91,9 @@ CONTACT_MEASURES: Final = (
 
 
 def assistance_measures(session: Session) -> list[Measure]:
-    """Return the measures of assistance: first the time and number of contacts with people (in total, per person, per
-    part of the patient's body, and per pair of person and part), then the measures while upright.
+    """Return the measures of assistance: first the time and number of contacts with people, then the measures while the
+    patient is upright. Time and number are given in total, per person, per part of the patient's body, and per pair of
+    person and part.
 
     Frames in which the patient was not found do not count, since contacts are unknown in them.
     """
@@ -124,8 +125,9 @@ def _of_group(session: Session, contacts: Sequence[Contact], part: str | None, p
 
 
 def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measure]:
-    """Return the measures of the time in which the patient is upright: the share of this time in which people's hands
-    are on the patient, time and share in which no hand is, and the mean and largest number of simultaneous contacts.
+    """Return measures of assistance while the patient is upright: the share of the upright time in which people's hands
+    are on the patient; the time and share in which no hand is on the patient; and the mean and largest number of
+    simultaneous contacts.
     """
     standing = session.upright
     frames, upright_s = int(standing.sum()), float(session.seconds[standing].sum())
@@ -136,7 +138,7 @@ def _while_upright(session: Session, contacts: Sequence[Contact]) -> list[Measur
     helped_s, sigma_s = time_with_sigma(helped, session.seconds, session.joints.time_s)
     mean = float(np.average(at_once, weights=session.seconds[standing]))
     shared = helped.inferred_share
-    of_help = (shared, None, None, shared, shared)  # None: hands-free time has no contacts
+    of_help = (shared, None, None, shared, shared)  # None, since hands-free time has no contacts
     values = (helped_s / upright_s, upright_s - helped_s, 1.0 - helped_s / upright_s, mean, float(at_once.max()))
     share_sigma = None if sigma_s is None else sigma_s / upright_s
     sigmas = (share_sigma, sigma_s, share_sigma, None, None)
@@ -196,7 +198,9 @@ def _quiet_session(
     config: MeasureConfig,
     equipment: Sequence[str],
 ) -> tuple[Session, list[Transition], list[Step]]:
-    """Return the session with all its episodes except events, which are found in it, and its transitions and steps."""
+    """Return the session with all its episodes except events, and its transitions and steps. Events are searched for
+    later, in this session.
+    """
     body = centre_of_mass(joints)
     found = stance(joints, body.position_m)
     state = upright(found, config.upright)
@@ -254,8 +258,9 @@ def _measures(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureResult:
-    """The result of measuring a folder. measures: measures of the whole recording; policy: from ``process_angles``,
-    None without processing; trials: the trials that were measured as well, None without trials.
+    """The result of measuring a folder. measures: measures of the whole recording; policy: settings and outcome of
+    smoothing and filling, as JSON, None without processing; trials: the trials that were measured as well, None without
+    trials.
     """
 
     measures: tuple[Measure, ...]
@@ -306,8 +311,8 @@ def write_measured(
 
 
 def processing_sentence(policy: str) -> str:
-    """Return a sentence on how many joint positions were smoothed, filled and left as measured. policy: as in
-    ``MeasureResult``.
+    """Return a sentence on how many joint positions were smoothed, filled and left as measured. policy: the settings
+    and outcome of smoothing and filling, as JSON.
     """
     counted = json.loads(policy)
     counts = [f"{counted[f'joint_frames_{name}']} {name}" for name in (*PROCESSING, "lost")]

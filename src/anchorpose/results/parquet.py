@@ -84,7 +84,7 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
     """Read a table with all of its columns, or only the named columns; raises InputError if it is damaged or lacks a
     named column.
 
-    rows: as in ``read_parquet``.
+    rows: a pyarrow expression that selects the rows to read; None for all.
     """
     with refuse_unreadable(path):
         table = pq.read_table(path, filters=rows, columns=columns, page_checksum_verification=True)
@@ -101,16 +101,16 @@ def read_parquet_schema(path: Path) -> pa.Schema:
 
 
 def _require_names(schema: pa.Schema) -> list[str]:
-    """Return the names of the columns. pyarrow decodes them only when they are accessed here; raises UnicodeDecodeError
-    if they are damaged.
+    """Return the names of the columns. pyarrow decodes the names only when they are accessed here; raises
+    UnicodeDecodeError if a name is damaged.
     """
     return list(schema.names)
 
 
 @contextmanager
 def opened_parquet(path: Path) -> Iterator[Any]:
-    """Open a file for reading it by ``pieces``; raises InputError if reading in the ``with`` block shows that it is
-    damaged.
+    """Open a parquet file, whose rows can then be read with ``pieces``; raises InputError if reading in the ``with``
+    block shows that it is damaged.
     """
     with refuse_unreadable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         _require_names(file.schema_arrow)
@@ -119,7 +119,7 @@ def opened_parquet(path: Path) -> Iterator[Any]:
 
 def pieces(file: Any) -> Iterator[pa.Table]:
     """Yield the rows of an open file in their order, at most ``ROWS_AT_ONCE`` at a time."""
-    for group in range(file.num_row_groups):  # one at a time, else pyarrow holds several in memory
+    for group in range(file.num_row_groups):  # one group at a time, else pyarrow holds several groups in memory
         for batch in file.iter_batches(ROWS_AT_ONCE, row_groups=[group], use_threads=False):
             yield pa.Table.from_batches([batch])
 
@@ -184,10 +184,11 @@ def require_within(path: Path, name: str, values: np.ndarray, limits: tuple[floa
 class RecordTable(Generic[Row]):
     """A table with one row per record.
 
-    record: the dataclass of a row, whose attributes have the names of the columns. known: the allowed texts of columns,
-    by column. limits: the minimum and the maximum of columns of numbers, by column. rows_per_group: number of rows per
-    row group; it never changes, since the bytes of the file depend on it. may_be_empty: whether the program sometimes
-    writes the table without rows. later: columns that files of older versions lack, and the values to use instead.
+    record: the dataclass of a row, whose attributes have the names of the columns. known: by column, the texts that the
+    column may contain. limits: by column, the minimum and the maximum of its numbers. rows_per_group: number of rows
+    per row group; it never changes, so that the same values always give the same bytes in the file. may_be_empty:
+    whether the program sometimes writes the table without rows. later: columns that files of older versions lack, and
+    the values to use instead.
     """
 
     file: str
@@ -201,7 +202,7 @@ class RecordTable(Generic[Row]):
     remedy: str
 
     def write(self, path: Path, records: Sequence[Row], metadata: dict[str, str] | None = None) -> None:
-        """Write the whole table, rows in the order given."""
+        """Write the whole table, with the rows in the order given."""
         schema = self.schema.with_metadata(metadata) if metadata else self.schema
         with open_parquet(path, schema) as writer:
             writer.write_table(self._to_table(records).replace_schema_metadata(metadata))

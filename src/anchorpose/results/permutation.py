@@ -6,9 +6,9 @@ conditions have no effect, all assignments of the conditions to the trials of a 
 and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is at
 least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena
 2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
-difference is divided by its standard error, since a condition that only steadies the trials would otherwise seem to
-change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is adjusted as in Holm
-1979 (Scandinavian Journal of Statistics 6:65-70).
+difference is divided by its standard error, since a condition that only reduces the scatter of the trials would
+otherwise seem to change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is
+adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ import numpy as np
 ALPHA: Final = 0.05  # level of significance
 
 MOST_EXACT: Final = 200_000
-"""Maximum number of assignments of conditions to trials at which all are examined, which takes a fraction of a second.
-If more are possible, a random sample of them is examined.
+"""Maximum number of possible assignments of conditions to trials for which all assignments are examined, which takes a
+fraction of a second. If more assignments are possible, a random sample of them is examined.
 """
 
 SAMPLED: Final = 9_999
@@ -36,7 +36,9 @@ assignments, including the observed one.
 """
 
 TIE: Final = 1e-9
-"""Relative tolerance within which two differences count as equal: sums in another order differ by rounding."""
+"""Relative tolerance within which two differences count as equal, since sums of the same values in another order differ
+by rounding errors.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +61,7 @@ class Blocks:
 
     @property
     def weights(self) -> np.ndarray:
-        """Return the weights (n,) of the trials in the difference; see ``Blocks``."""
+        """Return the weights (n,) with which the trials' values are summed to the difference between conditions."""
         found = np.zeros(len(self.treated))
         for places in self.members:
             treated = self.treated[places]
@@ -75,8 +77,9 @@ class Blocks:
 
     @property
     def scaled(self) -> bool:
-        """Return whether differences are divided by their standard errors: some block has more trials of one condition
-        than of the other, and all have at least two of each, so that standard errors are known.
+        """Return whether differences are divided by their standard errors. They are divided if some block has more
+        trials of one condition than of the other, and every block has at least two trials of each condition, so that
+        standard errors are known.
         """
         sizes = np.array([len(cell) for cell in self.cells]).reshape(-1, 2)
         return bool((sizes[:, 0] != sizes[:, 1]).any() and (sizes > 1).all())
@@ -131,8 +134,8 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
 
 
 def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return the size (k,) of differences between conditions: in standard errors if ``Blocks.scaled``, else in the unit
-    of the measure. total (2, k): differences and their variances.
+    """Return the absolute size (k,) of k differences between conditions: in standard errors if ``Blocks.scaled``, else
+    in the unit of the measure. total (2, k): differences and their variances.
     """
     size = np.abs(total[0])
     if not blocks.scaled:
@@ -142,8 +145,9 @@ def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return, for each block (2, k), the part of the difference between conditions (``Blocks``) and of its variance
-    under k assignments of conditions to the block's trials. weights: for each block (k, trials).
+    """Return an array (2, k) for each block: the block's part of the difference between conditions (``Blocks``), and of
+    the variance of this difference, under each of k assignments of conditions to the block's trials. weights: for each
+    block, the weights (k, trials) of its trials under these assignments.
     """
     found = list[np.ndarray]()
     for places, of_block in zip(blocks.members, weights, strict=True):
@@ -153,8 +157,8 @@ def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> 
 
 
 def _variance(value: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the variance (k,) of a block's difference between conditions, by the scatter of its trials of the same
-    condition. value (trials,); weights (k, trials), one row per assignment.
+    """Return the variance (k,) of a block's difference between conditions, estimated from the scatter among the block's
+    trials of the same condition. value (trials,); weights (k, trials), one row per assignment.
     """
     total = np.zeros(len(weights))
     for cell in (weights > 0.0, weights < 0.0):
@@ -203,15 +207,15 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def trials_needed(comparisons: int = 1) -> int:
     """Return the minimum number of trials of each condition, all in one block, with which p can fall below 0.05 divided
-    by the number of comparisons; with n trials each, the smallest p is 2 / (2n choose n).
+    by the number of comparisons. With n trials of each condition, the smallest p is 2 / (2n choose n).
     """
     return next(n for n in count(1) if 2.0 / math.comb(2 * n, n) < ALPHA / comparisons)
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
     """Return the minimum number of blocks with which p can fall below the limit in ``trials_needed``, if every block
-    has as many trials of each condition as the first of the given blocks; n pairs have 2^n assignments, so their
-    smallest p is 2 / 2^n.
+    has as many trials of each condition as the first of the given blocks. For example, n pairs have 2^n assignments, so
+    their smallest p is 2 / 2^n.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

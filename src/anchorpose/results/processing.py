@@ -22,7 +22,8 @@ from anchorpose.results.tables import PROCESSING, JointTable, ProcessedAngles
 from anchorpose.results.uncertainty import JOINT_SHARE, random_sigma, systematic_sigma
 from anchorpose.settings import Positive, settings
 
-FIRST_SPEED_M_S: Final = 1.0  # m/s; next line m/s2: standard deviations assumed at the first frame
+# m/s, and m/s2 in the next line: standard deviations of a joint's speed and acceleration, assumed in the first frame
+FIRST_SPEED_M_S: Final = 1.0
 FIRST_ACCELERATION_M_S2: Final = 10.0
 
 
@@ -32,8 +33,9 @@ def smooth_stretch(
     """Return smoothed position (n, 3) and sigma (n,) of one joint that is known in all frames, by the Kalman smoother.
     time_s (n,) increases, in steps of any size.
 
-    The acceleration is a random walk: its standard deviation grows by ``jerk`` times the square root of the time.
-    Smoothing reduces only the random part of sigma; the systematic part is added again, so sigma never falls below it.
+    The acceleration is modelled as a random walk: its standard deviation grows by ``jerk`` times the square root of the
+    time. Smoothing reduces only the random part of sigma. The systematic part is added afterwards, so sigma never falls
+    below this part.
     """
     course, variance = _smoothed_backwards(
         np.diff(time_s), np.ascontiguousarray(position_m), random_sigma(sigma_m, JOINT_SHARE) ** 2, jerk
@@ -49,8 +51,10 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # of frame k, estimated from frames 0 to k
-    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))  # predicted for frame k from frame k - 1
+    # state of frame k and its covariance, estimated from frames 0 to k
+    mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    # state and covariance predicted for frame k from frame k - 1
+    ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
     spread[0, 1, 1], spread[0, 2, 2] = FIRST_SPEED_M_S**2, FIRST_ACCELERATION_M_S2**2
@@ -109,9 +113,9 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 _ORDER: Final = 2  # order of the filter in one pass; the forward and backward passes together have order four
 _TWICE: Final = (np.sqrt(2.0) - 1.0) ** 0.25
-"""Factor between the cutoff frequencies of both passes together and of one pass, after the transformation tan(pi f /
-rate). Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics and Motor Control of Human
-Movement, on digital filtering).
+"""Cutoff frequency of both passes together, as a multiple of the cutoff frequency of one pass; each frequency f is
+first transformed to tan(pi f / rate). Two passes are 3 dB down at a lower frequency than one pass (Winter, Biomechanics
+and Motor Control of Human Movement, on digital filtering).
 """
 
 
@@ -132,7 +136,8 @@ def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray
     together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or if values has fewer
     rows than ``shortest_frames``.
     """
-    from scipy.signal import butter, sosfiltfilt  # takes a third of a second, and few recordings are filtered
+    # imported here, since the import takes a third of a second and few recordings are filtered
+    from scipy.signal import butter, sosfiltfilt
 
     if not 0.0 < cutoff_hz < highest_cutoff_hz(rate_hz):
         raise ValueError(f"a cutoff of {cutoff_hz:g} Hz does not fit {rate_hz:g} frames a second")
@@ -152,12 +157,12 @@ filter needs evenly spaced frames. Recordings with more jitter are refused, not 
 def filter_stretch(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, cutoff_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint that is known in all of at least
-    ``shortest_frames`` frames.
+    """Return position (n, 3) after the Butterworth filter and sigma (n,) of one joint. The joint is known in all n
+    frames; n is at least ``shortest_frames``.
 
-    A frame's sigma becomes the root mean square of the sigmas within half a period of the cutoff frequency if this is
-    larger, since the filter spreads the error of a poorly known position to neighbouring frames. Sigma is never
-    reduced, since filtering does not remove systematic errors.
+    The filter spreads the error of a poorly known position to neighbouring frames. So a frame's sigma becomes the root
+    mean square of the sigmas within half a period of the cutoff frequency, if this is larger than the frame's own
+    sigma. Sigma is never reduced, since filtering does not remove systematic errors.
     """
     rate_hz = 1.0 / usual_step_s(time_s)
     reach = max(1, round(0.5 * rate_hz / cutoff_hz))
@@ -169,8 +174,8 @@ def filter_stretch(
 Filling = Literal["none", "linear", "spline"]
 
 LEAST_TRIALS: Final = 20
-"""Minimum number of trials from which the error of filling a gap is estimated. Each trial removes as many known
-positions as the gap has missing positions, and fills them.
+"""Minimum number of trials from which the error of filling a gap is estimated. In each trial, as many known positions
+as the gap has missing positions are removed and filled.
 """
 
 
@@ -190,10 +195,10 @@ def fill_gaps(
     """Fill gaps of up to longest_s in the positions position_m (n, 3) of one joint, which are NaN where the joint is
     lost.
 
-    A gap is not filled if it lasts longer (from the last frame before it to the first after it), if it begins or ends
-    the recording, if frames are missing around it, or if the joint was not known for long enough elsewhere to measure
-    the error of filling. To measure the error of filling, gaps of the same length are cut into every stretch in which
-    the joint is known, and filled. The error grows towards the middle of a gap.
+    A gap is not filled if it lasts longer than longest_s (from the last frame before it to the first frame after it),
+    if it begins or ends the recording, if frames are missing around it, or if the joint was not known for long enough
+    elsewhere to measure the error of filling. To measure the error of filling, gaps of the same length are cut wherever
+    the joint is known, filled, and compared with the known positions. The error grows towards the middle of a gap.
     """
     known = np.isfinite(position_m).all(axis=1)
     reach = 1 if fill == "linear" else 2
@@ -212,7 +217,9 @@ def fill_gaps(
 
 
 def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -> Iterator[slice]:
-    """Yield the gaps that may be filled: with ``reach`` known rows on either side."""
+    """Yield the gaps that may be filled: gaps of at most ``longest_s``, with ``reach`` known rows on either side and
+    without missing frames.
+    """
     longest_step = longest_even_step_s(time_s)
     for gap in runs_of(~known):
         around = slice(max(gap.start - reach, 0), gap.stop + reach)
@@ -225,8 +232,8 @@ def _gaps(known: np.ndarray, time_s: np.ndarray, reach: int, longest_s: float) -
 
 
 def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
-    """Return the weights (m, 2 or 4) of the known positions around a gap, by which they are summed to its m missing
-    positions.
+    """Return the weights (m, 2 or 4) of the known positions around a gap. Each of the gap's m missing positions is a
+    weighted sum of these known positions.
 
     Two known positions give the straight line between them. Four known positions give a cubic Hermite curve between the
     inner two. At each inner position, the curve's velocity is the mean velocity between this position and the outer
@@ -274,12 +281,14 @@ class ProcessingConfig:
 
     smooth: "butterworth" (zero lag, effective order four, ``cutoff_hz``) or "kalman" (Rauch, Tung and Striebel with the
     joints' sigma; ``jerk`` states how freely the acceleration changes). fill: "linear" or "spline" for gaps up to
-    ``longest_gap_s``; longer gaps stay.
+    ``longest_gap_s``; longer gaps are not filled.
     """
 
     smooth: Smoothing = "none"
-    cutoff_hz: Positive = 6.0  # Hz, usual for walking and standing (Winter, as for ``_TWICE``)
-    jerk: Positive = 30.0  # m/s^2.5, random change of acceleration; enough for a hand that turns back in 0.3 s
+    # Hz, usual for walking and standing (Winter, Biomechanics and Motor Control of Human Movement)
+    cutoff_hz: Positive = 6.0
+    # m/s^2.5, random change of acceleration; large enough to follow a hand that turns back in 0.3 s
+    jerk: Positive = 30.0
     fill: Filling = "none"
     longest_gap_s: Positive = 0.2  # s, maximum length of a filled gap; a reaching hand takes longer to turn back
 
@@ -290,8 +299,8 @@ class ProcessingConfig:
 
 
 def policy_text(config: ProcessingConfig, counts: dict[str, int]) -> str:
-    """Return the settings as JSON, without unused settings. counts: numbers of joint positions smoothed, filled and so
-    on.
+    """Return the settings as JSON, without unused settings. counts: numbers of joint positions that were measured,
+    smoothed, filled and lost.
     """
     used = asdict(config)
     if config.smooth != "butterworth":
@@ -317,7 +326,7 @@ class ProcessedJoints:
 
 
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
-    """Fill gaps first, then smooth each joint in every stretch without missing frames separately.
+    """Fill gaps first. Then smooth each joint, separately in every run of known frames without a missing frame.
 
     Raises AnchorposeError if the chosen filter does not fit the recording.
     """
@@ -362,14 +371,16 @@ def process_angles(joints: JointTable, config: ProcessingConfig) -> tuple[Proces
 def _smooth(
     time_s: np.ndarray, position_m: np.ndarray, sigma_m: np.ndarray, config: ProcessingConfig
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return smoothed position (n, 3) and sigma (n,) of an unbroken stretch; None if the stretch stays as measured."""
+    """Return smoothed position (n, 3) and sigma (n,) in an unbroken run of frames; None if the run stays as
+    measured.
+    """
     if len(time_s) < 2 or config.smooth == "none":
         return None
     if config.smooth == "kalman":
         return smooth_stretch(time_s, position_m, sigma_m, config.jerk)
     if len(time_s) < shortest_frames(1.0 / usual_step_s(time_s), config.cutoff_hz):
         return None
-    _require_cutoff(time_s, config.cutoff_hz)  # the stretch may have a lower frame rate than the recording
+    _require_cutoff(time_s, config.cutoff_hz)  # this run of frames may have a lower frame rate than the recording
     return filter_stretch(time_s, position_m, sigma_m, config.cutoff_hz)
 
 

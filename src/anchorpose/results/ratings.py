@@ -52,7 +52,9 @@ class Rating:
 
 @dataclass(frozen=True, slots=True)
 class Ratings:
-    """The scores of one rater of one session. seed: random seed of the order; session: see ``rated_session``."""
+    """The scores of one rater of one session. seed: random seed of the order in which the trials are shown; session:
+    hash that identifies the rated session (``rated_session``).
+    """
 
     rater: str
     seed: int
@@ -167,8 +169,8 @@ def rating_measures(results: Path, run: dict[str, Any], trials: Trials) -> list[
     """Return the scores as measures of the trials, then of the conditions; the list is empty if no rater has given a
     score.
 
-    Each rater has a row, with the rater as ``person``. A row without a person is the mean of all raters; its value is
-    None unless every rater has given a score.
+    Each rater has a row per trial and per condition, with the rater's initials as ``person``. A row without a person is
+    the mean of all raters; its value is None unless every rater has given a score.
     """
     raters = read_ratings_beside(results, rated_session(run, trials))
     rows = [row for each in raters for row in _of_rater(each.rater, each.scores, trials)]

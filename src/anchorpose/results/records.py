@@ -203,13 +203,14 @@ def read_episodes(path: Path) -> tuple[Episode, ...]:
 class Measure:
     """The value of one measure of docs/measures.md.
 
-    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: a name as in contacts.parquet. part
-    and person are None if the measure is not about a single part or person. value: None if unknown; ``why`` then states
-    the reason. sigma: one standard deviation of the value, None if unknown, as for counts. frames: number of frames on
-    which the value is based. inferred_share: share of these frames in which a joint that the measure uses was inferred
-    rather than seen. condition, trial: condition and trial of events.tsv (numbered from 1) to which the value belongs.
-    condition and trial are None for the whole recording; only trial is None for a whole condition. Raises ValueError
-    unless exactly one of value and why is given, and for a trial without a condition.
+    side: "left", "right" or None. part: a region of the body (``REGIONS``); person: the name of a person in
+    contacts.parquet, or the initials of a rater. part and person are None if the measure is not about a single part or
+    person. value: None if unknown; ``why`` then states the reason. sigma: one standard deviation of the value, None if
+    unknown, as for counts. frames: number of frames on which the value is based. inferred_share: share of these frames
+    in which a joint that the measure uses was inferred rather than seen. condition, trial: condition and trial of
+    events.tsv (numbered from 1) to which the value belongs. condition and trial are None for the whole recording; only
+    trial is None for a whole condition. Raises ValueError unless exactly one of value and why is given, and for a trial
+    without a condition.
     """
 
     measure: str
@@ -294,7 +295,8 @@ def write_measures(path: Path, measures: Sequence[Measure], config: dict[str, An
 
 
 def read_definition(path: Path) -> Definition | None:
-    """Return the definition of a measures.parquet; None if the file is from a version that did not store it.
+    """Return the definition of a measures.parquet; None if the file is from a version that did not store the
+    definition.
 
     Raises InputError if the definition cannot be read.
     """
@@ -321,7 +323,7 @@ makes the smallest files: 5 kB per image.
 @dataclass(frozen=True, slots=True)
 class LabelImage:
     """One camera's segmentation in one frame. labels: an 8-bit PNG of ``PixelLabel``, with ``ROOM`` at pixels that show
-    no person.
+    neither a person nor equipment.
     """
 
     frame: int
@@ -340,7 +342,7 @@ PEOPLE_FILE, write_people = PEOPLE.file, PEOPLE.open
 
 
 def encode_labels(frame: int, camera: str, view: View) -> LabelImage:
-    """Encode the person labels of one camera's view."""
+    """Encode the labels of people and equipment in one camera's view."""
     labelled = (view.labels >= PixelLabel.PATIENT) | (view.labels == PixelLabel.EQUIPMENT)
     labels = np.where(labelled, view.labels, np.uint8(ROOM))
     _, encoded = cv2.imencode(".png", labels, _PNG_SETTINGS)
@@ -382,7 +384,7 @@ class StoredPeople:
         self._read = lru_cache(FRAMES_KEPT)(lambda frame: read_people(path, [frame]))
 
     def get(self, frame: int, camera: str) -> LabelImage | None:
-        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises
-        InputError if it cannot be read.
+        """Return the image of a frame and camera, still encoded; None if the file has no such image. Raises InputError
+        if the file cannot be read.
         """
         return self._read(frame).get((frame, camera))

@@ -17,7 +17,9 @@ from anchorpose.results.tables import JOINTS_FILE, read_joints
 from anchorpose.results.verify import require_own
 
 SUFFIX = ".npz"
-SHORTEST_S: Final = 0.5  # s, minimum duration of a clip: holds the past frames for a prediction and the predicted frame
+# s, minimum duration of a clip, so that it contains a frame to be predicted and the earlier frames used for this
+# prediction
+SHORTEST_S: Final = 0.5
 MOTIONS_MARK: Final = "format.npy"  # name of the first array in a file of movements, by which such a file is recognised
 
 
@@ -25,7 +27,8 @@ def build_motions(out: Path, sources: Sequence[Path], rate_hz: float | None, ove
     """Collect the movements of all sources, write them to the file ``out`` and return them.
 
     sources: results folders, skeleton files and earlier files of reference movements. rate_hz: frames per second of
-    skeleton files that do not state it. Raises InputError, before anything is written, if a source cannot be used.
+    skeleton files that do not state their frame rate. Raises InputError, before anything is written, if a source cannot
+    be used.
     """
     if out.suffix != SUFFIX:
         raise InputError(out, f"does not end in {SUFFIX}", f"call it {out.name}{SUFFIX}")
@@ -47,10 +50,10 @@ def _read(source: Path, rate_hz: float | None) -> ReferenceClips:
 
 
 def clips_of_results(folder: Path) -> ReferenceClips:
-    """Return the stretches of a results folder, at least half a second long, in which no joint is lost.
+    """Return the runs of successive frames of a results folder, at least half a second long, in which no joint is lost.
 
-    A stretch ends before a frame with a lost joint, and at a gap in time. Raises InputError if the folder has no usable
-    joints or no stretch of this length.
+    A run ends before a frame with a lost joint, and at a gap in time. Raises InputError if the folder has no usable
+    joints or no run of this length.
     """
     require_own(folder, (JOINTS_FILE,))
     table = read_joints(folder / JOINTS_FILE)

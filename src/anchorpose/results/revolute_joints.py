@@ -41,9 +41,9 @@ class AxisTable:
     """Knees and elbows of all frames, in the order of ``REVOLUTE_JOINTS``.
 
     frame (n,) int32, time_s (n,) float64; position_m (n, 4, 3): the joint; axis (n, 4, 3): unit vector in world
-    coordinates; a right-handed rotation of the lower bone about it bends the limb further; sigma_deg (n, 4) one
-    standard deviation of the axis in the direction in which it is least certain. The last three are float64, NaN where
-    missing.
+    coordinates; a right-handed rotation of the lower bone about this vector bends the limb further; sigma_deg (n, 4):
+    one standard deviation of the axis in the direction in which it is least certain. position_m, axis and sigma_deg are
+    float64, NaN where missing.
     """
 
     frame: np.ndarray

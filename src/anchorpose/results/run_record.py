@@ -1,4 +1,5 @@
-"""Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the learnt body.
+"""Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the body that was
+learnt from the recording.
 
 The same types define what is written and what may be read. A run.json may have been edited or come from another
 program: unknown keys are ignored, and keys with a default here may be missing.
@@ -59,9 +60,10 @@ class BoneRecord:
 class BodyRecord:
     """The tracked body, and the number of seconds of the recording from which it was learnt.
 
-    height_sigma_m follows from the equations by which the body is fitted. This sigma includes the effects of noise,
-    poses and hidden parts. If the patient's height was not stated, it also includes that bodies of other heights would
-    fit the images. A bone's sigma also includes a systematic error for clothes and for bodies outside the shape space.
+    height_sigma_m is computed from the equations by which the body is fitted. This sigma includes the effects of noise,
+    poses and hidden parts. If the patient's height was not stated, this sigma also allows for bodies of other
+    heights, which would fit the images, too. A bone's sigma also includes a systematic error for clothes and for bodies
+    outside the shape space.
     """
 
     learnt_from_s: float
@@ -84,8 +86,9 @@ def _require_noise(noise: DepthNoise) -> DepthNoise:
 
 @dataclass(frozen=True, slots=True)
 class DepthRecord:
-    """The properties of a camera's depth, measured in the recording itself: its noise; the step between neighbouring
-    values of depth, which is ``step_per_m z^2`` at a distance z in metres; and the width of depth edges in pixels.
+    """The properties of a camera's depth, measured in the recording itself: noise, steps between values, and width of
+    edges. At a distance z in metres, the step between neighbouring values of depth is ``step_per_m z^2``. edge_px:
+    width of depth edges in pixels.
     """
 
     noise: Annotated[DepthNoise, AfterValidator(_require_noise)]
@@ -207,9 +210,9 @@ class CalibrationUsed:
 
 @dataclass(frozen=True, slots=True)
 class PictureRecord:
-    """A picture kept for the report, under the results folder."""
+    """A picture that is kept for the report, in the results folder."""
 
-    file: FileInFolder  # relative to the results folder
+    file: FileInFolder  # path of the picture, relative to the results folder
     frame: Frame
     time_s: Seconds
     camera: str
@@ -219,7 +222,7 @@ class PictureRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord:
-    """All information on a run that its tables do not contain, in the order of run.json."""
+    """All information on a run that is not in the tables of its results. The fields are in the order of run.json."""
 
     format: Literal["anchorpose-run"] = "anchorpose-run"
     version: Version = 1
@@ -228,7 +231,7 @@ class RunRecord:
     code: str = ""  # hash of the package's code
     identity: str = ""  # SHA-256 of inputs, settings, code and libraries: equal identities mean equal joints
     recording: Text  # name of the recording folder, not its path, since results may be moved
-    recorded: RecordedSpan | None = None  # span of the recording; None if the tracked frames show it
+    recorded: RecordedSpan | None = None  # start and end of the recording; None if the tracked frames show them
     frame_count: int = 0
     cameras: tuple[CameraRecord, ...]
     floor_height_m: float | None = None  # Y of the floor in the world, None if no camera sees it
@@ -270,7 +273,7 @@ def note_poor(
     intervals: list[PoorInterval], before: int | None, frame: int, time_s: float, poor: Sequence[PoorDepth]
 ) -> None:
     """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
-    interval. before: as in ``note_lost``.
+    interval. before: number of the frame before; None for the first frame.
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
@@ -305,7 +308,8 @@ def sentence(poor: PoorDepth) -> str:
 def hash_files(
     files: Iterable[Path], folder: Path, known: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[tuple[str, str], ...]:
-    """Return (path relative to ``folder``, SHA-256 in hex) of each file. known: hashes by path of files not to read.
+    """Return (path relative to ``folder``, SHA-256 in hex) of each file. known: hashes, by path, of files that were
+    hashed before; these files are not read.
 
     Raises InputError for a file above ``LARGEST_ARRAYS`` bytes, larger than any table or image.
     """
@@ -397,10 +401,11 @@ def _refuse(value: object) -> None:
 
 
 def recording_digest(inputs: Iterable[tuple[str, str]]) -> str | None:
-    """Return a digest of the recording from which results were made, without its trials; None if no file is recorded.
+    """Return one hash of all input files of the recording from which results were made, except the files of its trials;
+    None if no input file is known.
 
-    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so they
-    are not compared themselves.
+    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so this
+    single hash is compared instead.
     """
     files = sorted(f"{name} {sha}" for name, sha in inputs if not name.startswith(("events.", GIVEN)))
     return hashlib.sha256("\n".join(files).encode()).hexdigest() if files else None

@@ -1,5 +1,5 @@
-"""Compare the events and times of independence that results state with the truth of a simulated session, which states
-in truth.npz the events in which something went wrong, and the contacts with the patient.
+"""Compare the events and times of independence of a result with the truth of a simulated session. The session's
+truth.npz states the events in which something went wrong, and the contacts with the patient.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ TRUTH_REMEDY: Final = "give the truth.npz of a simulated session as it was writt
 
 @dataclass(frozen=True, slots=True)
 class TrueEvent:
-    """A true event. kind: as in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: on the truth's clock.
-    depth: in the unit of events of this kind.
+    """A true event. kind: a kind of event in episodes.parquet, or clonus_left, clonus_right. start_s, end_s: beginning
+    and end, on the truth's clock. depth: in the unit of events of this kind.
     """
 
     kind: str
@@ -89,9 +89,9 @@ def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
 def read_true_contacts(
     path: Path, rows: np.ndarray, frame: np.ndarray, time_s: np.ndarray
 ) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
-    """Return the contacts of a region of the body with a person or with a part of the equipment, and the names of all
-    parts of the equipment. The contacts are those in the frames ``rows`` (t,) of the truth, with the numbers frame (t,)
-    and times time_s (t,) of the result's frames.
+    """Return the true contacts of each region of the body with people and with each part of the equipment, and the
+    names of all parts of the equipment. Only the frames ``rows`` (t,) of the truth count; contacts get the numbers
+    frame (t,) and the times time_s (t,) of the matching frames of the result.
 
     Raises InputError if the arrays do not fit each other.
     """
@@ -125,8 +125,8 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """Yield the contacts of a region in the frames that ``flags`` (t,) marks, each as completely seen. numbered: frame
-    numbers (t,) and times (t,).
+    """Yield the contacts of a region: one for each run of True in ``flags`` (t,), and each as if cameras had seen all
+    of it. numbered: frame numbers (t,) and times (t,).
     """
     frame, time_s = numbered
     for run in runs_of(flags):
@@ -147,9 +147,10 @@ def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventScore:
-    """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``;
-    in_time: with an onset within ``IN_TIME_S``. false: number of reported events that match no true event. late_s: mean
-    delay of the found onsets after the true onsets; None if no event was found.
+    """Scores of the events of one kind. found: number of true events that were found, with an onset within ``NEAR_S``
+    of the true onset; in_time: number of these whose found onset is within ``IN_TIME_S`` of the true onset. false:
+    number of reported events that match no true event. late_s: mean delay of the found onsets after the true onsets;
+    None if no event was found.
     """
 
     true: int
@@ -161,8 +162,8 @@ class EventScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeScore:
-    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 in both result
-    and truth are left out.
+    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 or unknown in
+    both result and truth are left out.
 
     within: number of measures that differ from the truth by at most 1.96 sigma; refused: number of measures that have a
     value only in the result or only in the truth.
@@ -210,8 +211,8 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints; lost where
-    unknown.
+    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints. Joints with an
+    unknown position are lost.
     """
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
@@ -252,7 +253,7 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Score the times of independence against the truth; rows about single persons or parts are left out."""
+    """Score the times of independence against the truth. The means over the trials of a condition are left out."""
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)
@@ -262,7 +263,8 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]  # without the rows of conditions
+    # without the means over a condition's trials
+    whole = [row for row in asked if (row.condition is None) == (row.trial is None)]
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 
 

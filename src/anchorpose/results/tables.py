@@ -222,7 +222,7 @@ NOT_UPRIGHT, UPRIGHT = 0, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureTable:
-    """By frame, the estimated centre of mass of the whole body, and whether the patient is upright.
+    """The estimated centre of mass of the whole body, and whether the patient is upright, in each frame.
 
     frame (n,) int32, time_s (n,) float64. com_m (n, 3) float64 world: the centre of mass, NaN if a joint that
     determines it is lost; com_sigma_m (n,) float64, one standard deviation along each axis. upright (n,) int8:
@@ -254,7 +254,8 @@ POSTURE_FILE, read_posture, write_posture = POSTURE.file, POSTURE.read, POSTURE.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPose:
-    """The learnt body in one frame, bones in the order of ``MOVING_BONES``; all NaN where the patient is lost.
+    """The pose, in one frame, of the body that was learnt from the recording. Bones are in the order of
+    ``MOVING_BONES``; all values are NaN where the patient is lost.
 
     head_m (21, 3): the proximal end of each bone, about which it rotates, world. quaternion (21, 4): w, x, y, z of the
     rotation from the rest pose (X forward, Y up, Z to the right) to the world; w is not negative. axial_sigma_rad
@@ -273,7 +274,7 @@ class BodyPose:
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTable:
     """The body's poses in all frames: frame (n,) int32, time_s (n,) float64, head_m (n, 21, 3), quaternion (n, 21, 4),
-    axial_sigma_rad (n, 21), float32, each as in ``BodyPose``.
+    axial_sigma_rad (n, 21), float32. ``BodyPose`` states their meaning.
     """
 
     frame: np.ndarray

@@ -30,7 +30,9 @@ LEAST_FRAMES: Final = 2
 TOO_FEW_FRAMES: Final = "fewer than two frames of this trial were tracked"
 
 MeasureRows = Callable[[Session, slice], Sequence[Measure]]
-"""A function of a whole session and some of its rows; it returns the measures of the session cut to these rows."""
+"""A function that returns the measures of a trial. Its arguments are the session that was cut to the trial, and the
+trial's rows (frames) in the whole session.
+"""
 
 
 def measures_by_trial(
@@ -40,7 +42,7 @@ def measures_by_trial(
 
     whole: the measures of the whole recording. If a person or part in them has no contact in a trial, the trial's
     measures for this person or part are 0 s and 0 contacts. settle_s: time after standing up in which the patient is
-    not yet at rest. measure: computes the measures of a cut session.
+    not yet at rest. measure: function that computes the measures of a cut session.
     """
     rows = [row for trial in trials.rows for row in _of_trial(session, trial, whole, settle_s, measure)]
     return [*rows, *condition_measures(trials, rows)]
@@ -106,7 +108,9 @@ def begun_within(found: Sequence[Found], rows: slice) -> list[Found]:
 
 
 def completely_within(found: Sequence[Found], rows: slice) -> list[Found]:
-    """Return the items whose ``frames`` lie completely in ``rows``, counted as in ``begun_within``."""
+    """Return the items whose ``frames`` lie completely in ``rows``; their ``frames`` are then counted from the first of
+    these rows.
+    """
     count = rows.stop - rows.start
     return [one for one in begun_within(found, rows) if one.frames.stop <= count]  # type: ignore[attr-defined]
 

@@ -68,7 +68,9 @@ def read_truth(path: Path) -> Truth:
 
 
 def _checked_shares(path: Path, seen: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the shares unchanged; raise InputError if they do not fit the joints, shape (t, n), or are invalid."""
+    """Return the shares unchanged; raise InputError if the shares do not fit the joints, shape (t, n), or are
+    invalid.
+    """
     remedy = "give seen_share (t, n, cameras) with shares from 0 to 1, or leave it out"
     if seen.ndim != 3 or seen.shape[:2] != shape or seen.shape[2] == 0 or seen.dtype.kind not in "fiu":
         raise InputError(path, f"its seen_share {seen.shape} does not fit its joints {shape}", remedy)
@@ -111,7 +113,8 @@ FOOT_BONES: Final = frozenset(bone for region in FEET for bone in REGION_BONES[r
 
 def read_true_support(path: Path) -> TrueTouch | None:
     """Return the contacts with equipment in a truth.npz, ``on_equipment`` (t, parts, b) and ``part_names`` (b); None
-    where the file has no such arrays. Feet are left out, as in contacts.parquet.
+    where the file has no such arrays. Feet are left out, since contacts.parquet has no contacts of feet with equipment
+    either.
 
     Raises InputError if the two arrays do not fit each other.
     """
@@ -310,8 +313,8 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """Return the median distance (m) of our joints from the true joints, and from the mirrored true joints, each after
-    the rotation about the vertical and the translation that fit best.
+    """Return the median distance (m) of the results' joints from the true joints, and from the mirrored true joints,
+    each after the rotation about the vertical and the translation that fit best.
 
     Left and right labels are kept or exchanged, whichever fits better, since a patient may have been tracked back to
     front.

@@ -1,6 +1,7 @@
 """Compute the uncertainty of a mean over frames from systematic and random errors.
 
-Most of a joint's error is systematic, so a mean over more frames is not much more certain.
+Most of a joint's error is systematic (the same in all frames), so a mean over many frames is not much more certain than
+a single frame.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ positions. A value of 0.8 was found once on simulated recordings, but no table r
 """
 
 CORRELATION_S: Final = 1.5
-"""Time in s after which the autocorrelation of the random part of an error has fallen to about a third."""
+"""Correlation time in s of the random part of an error: after this time, its autocorrelation is about a third."""
 
 
 def systematic_share(unit: str) -> float:

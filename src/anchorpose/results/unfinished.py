@@ -105,7 +105,7 @@ def _work_of(path: Path) -> Path:
 
 @contextmanager
 def _claimed(work: Path, path: Path) -> Iterator[None]:
-    """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block; raises
+    """Make the unfinished folder ``work`` if it is absent, mark it, and lock it during the ``with`` block. Raises
     InputError if ``work`` was not made by this program, or is in use by another run.
     """
     if os.path.lexists(work) and (work.is_symlink() or not work.is_dir()):
@@ -205,7 +205,7 @@ def _remove(entry: Path) -> None:
 
 def clear_beside_journal(work: Path) -> None:
     """Remove files that a resumed run does not need: tables and pictures of a stopped run, which are written again, and
-    the journal of an overwritten run. Call it only after all inputs have been accepted.
+    the journal of an overwritten run. Call this function only after all inputs have been accepted.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 

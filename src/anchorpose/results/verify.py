@@ -147,7 +147,9 @@ def _chained(previous: str, line: dict[str, Any]) -> str:
 MEASURED: Final = frozenset(
     {ANGLES_FILE, AXES_FILE, POSTURE_FILE, PROCESSED_FILE, EPISODES_FILE, MEASURES_FILE, TRIALS_FILE, INTERVALS_FILE}
 )
-"""Tables that 'anchorpose measure' writes again from the joints, or removes if they would be empty."""
+"""Tables that 'anchorpose measure' writes again from the joints. The command removes the table of processed angles if
+no processing is chosen.
+"""
 
 
 def require_own(results: Path, files: Iterable[str], run: Mapping[str, Any] | None = None) -> None:

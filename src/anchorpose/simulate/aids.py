@@ -14,18 +14,19 @@ from anchorpose.recording.equipment import Box, Cylinder, EquipmentPart
 from anchorpose.rotations import FORWARD, RIGHT, UP
 from anchorpose.simulate.person import Person
 
-ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # a bone whose name contains one of these belongs to an arm
+ARM_BONES = ("Arm", "Hand", "Finger", "Thumb")  # a bone whose name contains one of these texts belongs to an arm
 LOOSE_M = 0.06  # m, maximum movement of the chest in the recording for a sling to have a harness
-WIDEST_M = 0.62  # m, distance of each rail from the middle plane z = 0, for the widest parallel bars on the market
+# m, maximum distance of each rail from the middle plane z = 0: that of the widest parallel bars on the market
+WIDEST_M = 0.62
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """The space through which a patient moves, given by the patient's skin at k moments."""
 
-    skin_m: np.ndarray  # (k, v, 3) skin, including clothes
+    skin_m: np.ndarray  # (k, v, 3) vertices of the skin at the k moments, including clothes
     arms: np.ndarray  # (v,) bool, vertices of the arms
-    pelvis_m: np.ndarray  # (k, 3)
+    pelvis_m: np.ndarray  # (k, 3) positions of the pelvis at the k moments
 
     def within(self, low_m: float, high_m: float, aside_m: float = np.inf, arms: bool = False) -> np.ndarray:
         """Return the skin points (n, 3) of all moments that lie between two heights and within ``aside_m`` of the plane
@@ -38,18 +39,20 @@ class Sweep:
         return np.asarray(skin[inside], dtype=np.float64)
 
     def standing(self) -> Sweep:
-        """Return the sweep of the single moment at which the pelvis is highest."""
+        """Return the space that the patient fills at the single moment at which the pelvis is highest."""
         highest = int(np.argmax(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[highest : highest + 1], self.arms, self.pelvis_m[highest : highest + 1])
 
     def seated(self) -> Sweep:
-        """Return the sweep of the single moment at which the pelvis is lowest."""
+        """Return the space that the patient fills at the single moment at which the pelvis is lowest."""
         lowest = int(np.argmin(self.pelvis_m[:, 1]))
         return Sweep(self.skin_m[lowest : lowest + 1], self.arms, self.pelvis_m[lowest : lowest + 1])
 
 
 def sweep_of(person: Person, bones: np.ndarray) -> Sweep:
-    """Return the sweep of a person for k moments; bones (k, b, 4, 4): T_world_rest of the bones."""
+    """Return the space through which a person moves, by the skin at k moments; bones (k, b, 4, 4): T_world_rest of the
+    bones.
+    """
     asset = person.body.asset
     arms = np.array([any(part in asset.bone_names[bone] for part in ARM_BONES) for bone in asset.main_bone()])
     skin = np.stack([person.skin(moment, 0.0) for moment in bones])
@@ -235,7 +238,7 @@ def fit_sling(rng: np.random.Generator, sweep: Sweep, sternum_m: float, ceiling_
         parts.append(_box(f"strap-{side}", (middle_m, (bar_m + end_m) / 2.0, way * aside_m), size))
     band, worn = (s.within(sternum_m - 0.16, sternum_m - 0.02, 0.2) for s in (sweep, standing))
     if max(_front(band) - _front(worn), float(worn[:, 0].min() - band[:, 0].min())) > LOOSE_M:
-        return tuple(parts)  # no harness, since it would have to move with the trunk, but all equipment stands still
+        return tuple(parts)  # no harness is built: it would have to move with the trunk, but all equipment stands still
     for name, x in (("harness-front", _front(band) + 0.015), ("harness-back", float(band[:, 0].min()) - 0.015)):
         parts.append(_box(name, (x, sternum_m - 0.09, 0.0), (0.012, 0.12, 0.30)))
     return tuple(parts)

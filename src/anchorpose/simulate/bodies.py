@@ -1,4 +1,6 @@
-"""Give bodies properties beyond the tracker's shape space: any human lengths and girths, shoes, braces, stumps."""
+"""Give simulated bodies properties that the tracker's shape space lacks: any human lengths and girths, shoes, braces,
+stumps.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.04
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")
 TRUNK_SPREAD: Final = (0.06, 0.035, 0.04)  # relative standard deviations of the trunk's depth, height and breadth
-MOST_ASYMMETRIC: Final = 0.04  # maximum relative difference in length between a left and a right segment
+MOST_ASYMMETRIC: Final = 0.04  # maximum relative difference in length, and in girth, between a left and a right segment
 WASTED: Final = (0.75, 0.90)  # range of the factor on the girth of wasted thighs and shanks
 STRONGER: Final = (1.02, 1.10)  # range of the factor on the girth of strong arms
 BELLY_M: Final = (0.03, 0.08)  # m, range of a belly's bulge
@@ -28,7 +30,7 @@ FATTER: Final = (1.05, 1.20)  # range of the factor on the girth of the segments
 SHOE_M: Final = (0.003, 0.008)  # m, range of the thickness of a shoe's upper
 SOLE_M: Final = (0.010, 0.030)  # m, range of the thickness of a sole
 SHOD_SHARE: Final = 0.75  # probability that a person wears shoes
-BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the skin (see ``with_brace``)
+BRACE_M: Final = (0.008, 0.018)  # m, range of the gap between a brace and the skin; ``with_brace`` defines this gap
 BRACED: Final[dict[BraceName, tuple[str, ...]]] = {
     "left shank": ("LeftLeg",),
     "right shank": ("RightLeg",),
@@ -52,7 +54,7 @@ class OtherBody:
 class Scales:
     """Factors on the size of each bone's body segment, relative to the body before scaling."""
 
-    length: np.ndarray  # (b,)
+    length: np.ndarray  # (b,) factors on the length of the segments
     girth: np.ndarray  # (b, 2) factors on depth and breadth; for limbs, both are equal
 
 

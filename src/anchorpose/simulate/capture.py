@@ -13,9 +13,10 @@ from anchorpose.rotations import FORWARD, RIGHT, UP, orthonormal_frame, unit
 from anchorpose.simulate.movement_file import CLIP_HZ, SEATED, Clips, movement_of
 from anchorpose.simulate.timeline import ease
 
-SMOOTHING_S: Final = 0.07  # s, sigma of the Gaussian that smooths joints over time: a Kinect v2's jitter by mm to cm
+# s, sigma of the Gaussian that smooths joints over time, since joints of a Kinect v2 jitter by mm to cm
+SMOOTHING_S: Final = 0.07
 OVERLAP_S: Final = 0.4  # s, time over which the end of a repetition is blended into the start of the next repetition
-STRAIGHT_RAD: Final = 0.35  # rad; the axis of an elbow that is bent by less comes partly from earlier frames
+STRAIGHT_RAD: Final = 0.35  # rad; if an elbow is bent by less than this, its axis comes partly from earlier frames
 PLANE_MEMORY_S: Final = 0.5  # s, time constant with which the axis of a nearly straight elbow is updated
 
 _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement file's axes: left, up and ahead
@@ -23,10 +24,12 @@ _AXES: Final = np.stack([-RIGHT, UP, FORWARD])  # world directions of a movement
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A captured movement at CLIP_HZ; the subject faces +X on average. Second axis of arrays of limbs: left, right."""
+    """A captured movement with ``CLIP_HZ`` frames per second; the subject faces +X on average. The second axis of all
+    arrays of limbs is the side: left, right.
+    """
 
     start_s: float  # time of the first of the n rows of the arrays
-    waist_m: np.ndarray  # (n, 3)
+    waist_m: np.ndarray  # (n, 3) positions of the waist
     pelvis: np.ndarray  # (n, 3, 3) rotation from upright
     thorax: np.ndarray  # (n, 3, 3) rotation from upright
     head: np.ndarray  # (n, 3) direction from the head joint to the top of the head
@@ -34,7 +37,7 @@ class Capture:
     legs: np.ndarray  # (n, 2, 2, 3) directions of thigh and shank
     arm_axis: np.ndarray  # (n, 2, 3) axis about which the elbow bends
     knee_m: np.ndarray  # (n, 2, 3) vector to the knee from the line between hip and ankle
-    ankle_m: np.ndarray  # (n, 2, 3)
+    ankle_m: np.ndarray  # (n, 2, 3) positions of the ankles
     toes: np.ndarray  # (n, 2, 3) direction of the foot
     leg_m: float  # length of the subject's leg
     seated: bool  # whether the subject sits down on a seat or gets up from a seat

@@ -17,19 +17,21 @@ from anchorpose.simulate.posture import OUTWARD
 from anchorpose.simulate.retarget import CapturedActor, retarget
 from anchorpose.simulate.timeline import ease
 
-MARGIN_S: Final = 3.0  # s of movement before and after the recording, for cameras with wrong clocks
+# s of movement before and after the recording, for cameras with wrong clocks, which take images too early or too late
+MARGIN_S: Final = 3.0
 ANGLES_RAD: Final = tuple(np.radians(np.arange(0.0, 41.0, 8.0)).tolist())  # angles of abduction that are tried
-GIVES_M: Final = 0.01  # m, maximum depth of an arm inside the body, since soft tissue gives way
-HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less is abducted by the full angle
-RAISED_RAD: Final = 1.6  # rad; an arm that is raised by more is not abducted
-DRAWS: Final = 6  # maximum number of draws of a movement; the first whose arms stay outside the body is used
+GIVES_M: Final = 0.01  # m, maximum tolerated depth of an arm inside the body, since soft tissue gives way
+HANGING_RAD: Final = 1.0  # rad; an upper arm that is raised by less than this is abducted by the full angle
+RAISED_RAD: Final = 1.6  # rad; an arm that is raised by more than this is not abducted
+DRAWS: Final = 6  # maximum number of draws of a movement; the first movement whose arms stay outside the body is used
 CHECK_HZ: Final = 3.0  # moments per second at which arms are tested for being inside the body
 DEEPEST_M: Final = 0.15  # m, search radius for the nearest skin: half a trunk's depth, to exclude the trunk's far side
 # minimum cosine, for a point inside the body, between the direction to the nearest skin and the normal of that skin
 UNDER_SKIN: Final = 0.7
 # A bone whose name contains one of these texts must stay outside the body.
 FOREARMS: Final = ("ForeArm", "Hand", "Thumb", "Finger")
-ARMS: Final = (*FOREARMS, "Arm", "Shoulder")  # texts in the names of arm bones; all other bones belong to the body
+# texts in the names of arm bones; all other bones belong to head, trunk or legs
+ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
@@ -87,7 +89,9 @@ def arms_within_m(person: Person, bones: np.ndarray) -> np.ndarray:
 
 
 def _abducted(capture: Capture, angle: float) -> Capture:
-    """Abduct the arms about the thorax's forward axis by ``angle``, or by less if they are raised."""
+    """Abduct the arms about the thorax's forward axis by ``angle``; arms that are raised are abducted by less, or not
+    at all.
+    """
     arms, axes = capture.arms.copy(), capture.arm_axis.copy()
     forward = rotate(capture.thorax, np.broadcast_to(FORWARD, (len(arms), 3)))
     down = rotate(capture.thorax, np.broadcast_to(-UP, (len(arms), 3)))

@@ -15,7 +15,9 @@ LEAST_LOAD: Final = 1e-3  # share of the load of a foot in the air; not 0, so th
 ROUNDS: Final = 8  # number of iterations that compute the tilt; each reduces the error of the tilt to a tenth
 
 LEAST_HEIGHT_M: Final = 0.1
-"""Minimum height (m) of a hip above its ankle. This minimum is used for a leg that does not reach the foot."""
+"""Minimum height (m) of a hip above its ankle. It is used if a leg, bent as given, is too short to reach from the hip
+to the ankle.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +30,7 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """Return the bend of the knees; None if the legs never carry the pelvis.
+    """Return the bend of the knees; None if the legs never carry the pelvis, that is, never determine its height.
     lift (t, 2): height of each foot above the floor, as a share of the height of a step.
     """
     if not carry.any():
@@ -38,7 +40,7 @@ def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeB
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """The legs in the rest pose, left and right."""
+    """The dimensions of the left and the right leg, from the rest pose."""
 
     hips_m: np.ndarray  # (2, 3) positions of the hips relative to the pelvis
     lengths_m: np.ndarray  # (2, 2) lengths of thigh and shank
@@ -68,7 +70,9 @@ def carried_pelvis(
 
 
 def _pelvis_heights(reach_m: np.ndarray, hips_m: np.ndarray, ankles_m: np.ndarray, pelvis_m: np.ndarray) -> np.ndarray:
-    """Return (t, 2) the height of the pelvis that each leg implies; hips_m (t, 2, 3): relative to the pelvis."""
+    """Return (t, 2) the height of the pelvis that each leg implies. hips_m (t, 2, 3): places of the hips relative to
+    the pelvis.
+    """
     aside_m = (pelvis_m[:, None] + hips_m - ankles_m)[..., [0, 2]]
     rise_m = np.sqrt(np.maximum(reach_m**2 - (aside_m**2).sum(axis=2), LEAST_HEIGHT_M**2))
     return np.asarray(ankles_m[..., 1] + rise_m - hips_m[..., 1])

@@ -42,7 +42,8 @@ STREAMS = (
     "session",
 )
 CAMERA_NAMES = ("front", "left", "right", "behind")
-AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)  # rad, direction to each camera: 0 = front, + = left
+# rad, direction from the patient to each camera: 0 = front, + = left
+AZIMUTH_RAD = (0.0, np.radians(57.0), np.radians(-57.0), np.pi)
 AZIMUTH_SPREAD_RAD = (0.08, 0.2, 0.2, 0.3)  # rad, maximum random deviation of each camera from ``AZIMUTH_RAD``
 WALL_M = 2.7  # m, height of the walls
 
@@ -56,7 +57,7 @@ class Clinic:
 
     config: SimulationConfig
     cameras: tuple[Camera, ...]
-    room: np.ndarray  # (n, 3, 3) triangles
+    room: np.ndarray  # (n, 3, 3) triangles of floor and walls; in a cluttered room, of everything that never moves
     equipment: EquipmentModel | None
     patient: Actor | CapturedActor
     therapists: tuple[Therapist, ...]  # the therapists, followed by the people who pass by
@@ -76,8 +77,8 @@ class Clinic:
     def true_times_s(self, camera: int) -> np.ndarray:
         """Return the true times (t,), s, at which a camera takes its images.
 
-        The time stamps of the images differ from these times: a stamp is the epoch of the camera's clock plus frame /
-        fps.
+        The time stamps of the images differ from these times: a stamp is the epoch of the camera's clock, plus frame /
+        fps, plus a random error.
         """
         stamps = np.arange(self.config.frames) / self.config.fps
         late = self.config.clock_late_s[camera] if self.config.clock_late_s else 0.0
@@ -96,7 +97,7 @@ class Performance:
     """The movements of all people at given times."""
 
     clinic: Clinic
-    times_s: np.ndarray  # (t,)
+    times_s: np.ndarray  # (t,) times of the images
     bones: tuple[np.ndarray, ...]  # per person, the patient first: (t, b, 4, 4) T_world_rest of the bones
 
     def figures(self, frame: int) -> tuple[Figure, ...]:
@@ -125,13 +126,15 @@ class Performance:
 
     @property
     def away(self) -> np.ndarray:
-        """Return (t,) bool: whether the patient is out of the room."""
+        """Return (t,) bool: whether the patient is away, out of the view of all cameras (``away_s`` of the
+        configuration).
+        """
         spans = self.clinic.config.away_s
         return np.array([any(a <= time_s < b for a, b in spans) for time_s in self.times_s.tolist()], dtype=bool)
 
     def held_joints(self) -> np.ndarray:
-        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint, as in all
-        frames in which the patient is away.
+        """Return (t, n, 2) int: the patient's joint that each hand of each therapist holds, -1 = no joint. All values
+        are -1 in frames in which the patient is away.
         """
         patient, therapists = self.clinic.patient, self.clinic.therapists
         held = np.full((len(self.times_s), len(therapists), 2), -1)
@@ -184,7 +187,9 @@ def draw_clinic(config: SimulationConfig, programme: Programme | None = None) ->
 
 
 def _session(config: SimulationConfig, session: SessionConfig) -> Clinic:
-    """Return the clinic of a session: a patient who does its trials, and therapists who help in some trials."""
+    """Return the clinic of a session: a patient who does the session's trials, and therapists who help in some
+    trials.
+    """
     person, scenery = draw_patient_person(random_stream(config, "patient"), config), random_stream(config, "room")
     plan, held = draw_plan(random_stream(config, "session"), session), fit_held(scenery, config, person)
     patient = draw_session_patient(random_stream(config, "programme"), person, held, plan)

@@ -49,13 +49,15 @@ ROOM_MOTIONS: Final[dict[Posture, tuple[tuple[str, ...], ...]]] = {
     "sits": (("reach", "arm-raise"), ("reach", "head"), ("arm-raise", "head", "standing")),
     "stands-up": (("sit-to-stand", "reach"), ("sit-to-stand", "squat", "arm-raise"), ("sit-to-stand", "trunk", "head")),
 }
-ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")  # ``posture`` decides who sits
+# without "sit-to-stand", since ``RoomConfig.posture`` decides whether the patient sits
+ROOM_MOVEMENTS: Final = tuple(name for name in MOVEMENTS if name != "sit-to-stand")
 # share of the standing patients in cluttered rooms who do a captured movement, if a file of such movements is given
 CAPTURED_SHARE: Final = 0.6
 ABSENT_SHARE: Final = 0.15  # share of the recording after which a late patient comes into view
 HIDDEN_S: Final = 2.0  # s, duration for which the patient is behind a curtain
-LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # limits of the settings ``seconds`` and ``fps``
-THICKEST_CLOTHING_M: Final = 0.015  # m; thicker clothes would hide the body's shape
+LONGEST_S, HIGHEST_HZ = 24 * 3600.0, 1000.0  # s and Hz, maximum values of the settings ``seconds`` and ``fps``
+# m, maximum height of the folds of clothes; higher folds would hide the body's shape
+THICKEST_CLOTHING_M: Final = 0.015
 
 ProperShare = Annotated[float, Field(ge=0, lt=1)]
 
@@ -72,9 +74,9 @@ class SimulationConfig:
     sensors: tuple[Sensor, ...] = ()  # one sensor per camera; empty = every camera has ``sensor``
     lens: LensName | None = None  # lens of the sensor; None = the usual lens of its model
     equipment: Equipment = "standing-frame"
-    chest_pad: bool = False  # add a chest pad to the parallel bars, with straps beside the hips
+    chest_pad: bool = False  # whether the parallel bars have a chest pad, with straps around the hips
     equipment_moves_at_s: float | None = None  # s, time at which the equipment is pushed; None = never
-    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m along X and Z by which the equipment is pushed
+    equipment_shift_m: tuple[float, float] = (0.0, 0.0)  # m, distances along X and Z by which the equipment is pushed
     stool: bool = True  # whether a patient who sits has a stool
     therapists: Annotated[int, Field(ge=0, le=3)] = 2  # number of therapists
     # tasks of the first therapists; the tasks of all further therapists are drawn
@@ -132,7 +134,8 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    in_frame = config.equipment == "standing-frame" and not captured  # a captured movement has a frame that fits it
+    # a frame is fitted around a captured movement, so it leaves space for the movement
+    in_frame = config.equipment == "standing-frame" and not captured
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
     _require(not config.chest_pad or config.equipment == "parallel-bars", "a chest pad needs parallel bars")
@@ -209,7 +212,8 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
         case "leaves":
-            return replace(free, away_s=((0.4 * seconds, 0.6 * seconds),))  # equal times for the walks out and back
+            # leaves 0.4 of the recording for the walk out, and as much for the walk back
+            return replace(free, away_s=((0.4 * seconds, 0.6 * seconds),))
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))
         case "sits":

@@ -35,7 +35,9 @@ HELD = ("standing-frame", "parallel-bars", "walker")  # kinds of equipment that 
 
 
 def fit_held(rng: np.random.Generator, config: SimulationConfig, person: Person) -> HeldEquipment | None:
-    """Build the equipment that the patient's hands hold, fitted to the upright patient; None if the hands hold none."""
+    """Build the equipment that the patient's hands hold, fitted to the upright patient. Return None if the hands hold
+    no equipment.
+    """
     if config.equipment not in HELD:
         return None
     sweep = sweep_of(person, _posed(person).bones(np.zeros(1)))

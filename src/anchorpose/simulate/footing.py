@@ -15,8 +15,9 @@ from scipy.ndimage import gaussian_filter1d
 from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
-WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; so small a rise is noise
-CLEAR_M: Final = 0.06  # m; a rise up to ``WAVER_M`` becomes 0; a rise at least this much above ``WAVER_M`` is unchanged
+WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; a rise as small as this is noise
+# m; an ankle's rise of up to ``WAVER_M`` becomes 0; a rise of at least ``WAVER_M`` + ``CLEAR_M`` is unchanged
+CLEAR_M: Final = 0.06
 # m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
 MOVING_M_S: Final = 0.30  # m/s; a foot that moves faster than this has left the floor
@@ -32,7 +33,8 @@ Spans = list[tuple[int, int]]
 class Footing:
     """Places and angles of both feet in n frames at CLIP_HZ. The second axis is the side, left first."""
 
-    place_m: np.ndarray  # (n, 2, 3) ankle, as if the foot were flat; y = 0 at the height of a standing foot's ankle
+    # (n, 2, 3) place of the ankle if the foot were flat; y = 0 is the height of a standing foot's ankle
+    place_m: np.ndarray
     stands: np.ndarray  # (n, 2) from 0 (the foot is in the air) to 1 (it stands)
     yaw: np.ndarray  # (n, 2) rad, direction of the foot, positive to the left
     heel: np.ndarray  # (n, 2) rad, rotation of a standing foot about its ball that raises the heel; 0 = flat
@@ -60,7 +62,8 @@ def _lift(ankle_m: np.ndarray, height_m: np.ndarray) -> tuple[np.ndarray, np.nda
     on the floor.
     """
     floor = np.percentile(height_m, 10.0, axis=0)
-    # a foot that is always in the air does not show the floor's height, so that of the other foot is used
+    # a foot that is always in the air does not show the floor's height, so its floor is assumed to be at most
+    # ``WAVER_M`` above the floor at the other foot
     above = height_m - np.minimum(floor, floor.min() + WAVER_M)
     lift = above * ease((above - WAVER_M) / CLEAR_M)
     heel = np.zeros_like(lift)
@@ -79,8 +82,8 @@ def _spans(chosen: np.ndarray) -> Spans:
 
 
 def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
-    """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays down
-    between them.
+    """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays on the
+    floor between them.
 
     ankle_m (n, 3), lift_m (n,): ankle and height of one foot.
     """
@@ -113,8 +116,8 @@ def _weights(stands: Spans, rows: int) -> np.ndarray:
 
 
 def _places(ankle_m: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the ankle's path (n, 3): constant while the foot stands, and between two stands the captured path,
-    shifted to begin and end at the stands.
+    """Return the ankle's path (n, 3): constant while the foot stands. Between two places at which the foot stands, the
+    path is the captured path, shifted so that it begins and ends at these places.
     """
     rows, course = np.arange(len(ankle_m)), ankle_m.copy()
     between = np.ones(len(rows), dtype=bool)
@@ -138,7 +141,9 @@ def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the foot's direction (n,), radians to the left, constant while it stands; toes (n, 3): as captured."""
+    """Return the foot's direction (n,), radians to the left, constant while it stands. toes (n, 3): captured directions
+    of the foot.
+    """
     yaw = np.arctan2(-toes[:, 2], toes[:, 0])
     known, value = [], []
     for a, b in stands:

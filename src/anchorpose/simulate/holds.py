@@ -63,8 +63,8 @@ def tasks_on(patient: Actor | CapturedActor, config: SimulationConfig) -> list[T
 
 
 def nearest_s(patient: CapturedActor, task: Task, outward: np.ndarray, times_s: np.ndarray) -> float:
-    """Return the time at which the joints that the therapist holds are farthest ``outward``, so nearest to the
-    therapist.
+    """Return the time at which the joints that the therapist holds are farthest in the direction ``outward``, and so
+    nearest to the therapist.
 
     A therapist's place that has enough space at this time has enough space at all times, since these joints never come
     nearer.
@@ -93,8 +93,8 @@ def choose_hold(patient: Actor | CapturedActor, task: Task, facing: np.ndarray, 
 
 
 def _skin_towards(person: Person, skin_m: np.ndarray, joint_m: np.ndarray, name: str, wanted: np.ndarray) -> int:
-    """Return the vertex that is far from a joint in the direction ``wanted``, but near the line from the joint in this
-    direction. Raises ValueError if the body has no skin around the joint.
+    """Return the vertex to hold: a vertex that is far from a joint in the direction ``wanted``, but near the line from
+    the joint in this direction. Raises ValueError if the body has no skin around the joint.
     """
     asset = person.body.asset
     side = "Left" if name.endswith("Left") else "Right"

@@ -19,17 +19,20 @@ HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one 
 # Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
 # pixels, as in real recordings.
 SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the remaining weight
-JOINED_PX: Final = 25.0  # pixels, maximum step of disparity that is smoothed; greater steps occur only within 1.1 m
+# pixels, maximum step of disparity that is smoothed; only surfaces nearer than 1.1 m can cause a greater step
+JOINED_PX: Final = 25.0
 PASSES: Final = 2  # number of passes of the spatial filter
 FILLED_PX: Final = 16  # pixels, maximum distance into a gap that is filled with the last value before the gap
-STEPS: Final = 8.0  # per pixel; the result is rounded to multiples of 1 / STEPS pixel of disparity
+STEPS: Final = 8.0  # steps per pixel of disparity; the result is rounded to multiples of 1 / STEPS pixel
 TEMPORAL: Final = 0.4  # weight of the newest frame; the blend of earlier frames has the remaining weight
 STILL_PX: Final = 0.6  # pixels of disparity, maximum change of a pixel that is smoothed over time
 MEMORY: Final = 4  # number of frames that are blended; older frames would have a weight below a tenth
 
 
 def decimated_mm(rng: np.random.Generator, spec: SensorSpec, depth_m: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Return sensed depth (height, width) uint16 mm: medians of 2 x 2 pixels of an imager twice as wide and high."""
+    """Return sensed depth (height, width) uint16 mm: each pixel is the median of 2 x 2 pixels of an imager that is
+    twice as wide and high.
+    """
     imager = replace(spec, width=HALF * spec.width, height=HALF * spec.height, focal_px=HALF * spec.focal_px)
     fine = [np.repeat(np.repeat(layer, HALF, axis=0), HALF, axis=1) for layer in (depth_m, cosine)]
     reading = sense(rng, imager, fine[0], fine[1], np.zeros_like(fine[0])).astype(np.float32)
@@ -68,7 +71,8 @@ def _blend(before: np.ndarray, now: np.ndarray) -> np.ndarray:
 @nb.njit(cache=True)
 def _smooth_rows(disparity: np.ndarray, weight: float, joined: float, filled: int) -> None:
     """Smooth each row in place by a recursive filter. The first ``filled`` pixels of a gap get the last value before
-    the gap. weight, joined: as ``SMOOTHING`` and ``JOINED_PX``.
+    the gap. weight: weight of a pixel's own disparity (``SMOOTHING``); joined: maximum step of disparity, in pixels,
+    that is smoothed (``JOINED_PX``).
     """
     for row in range(disparity.shape[0]):
         last, gap = disparity[row, 0], 0

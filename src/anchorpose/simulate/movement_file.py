@@ -32,7 +32,8 @@ STEPPING: Final = frozenset({"hurdle-step", "inline-lunge", "side-lunge", "leg-r
 
 SEATED: Final = frozenset({"sit-to-stand"})
 SUBJECTS: Final = (1, 2, 3, 4, 5, 6, 7)
-LOST_M_S: Final = 8.0  # m/s, maximum speed of a captured ankle or wrist; if faster, the Kinect has lost it
+# m/s, maximum speed of a captured ankle or wrist; at a higher speed, the Kinect has lost the joint
+LOST_M_S: Final = 8.0
 KEYS: Final = ("joints_mm", "offsets", "names", "joint_names")
 NEEDED: Final = (
     "Waist",
@@ -66,7 +67,7 @@ class Clips:
 
     names: tuple[str, ...]  # (c,) names of the clips
     joints_m: tuple[np.ndarray, ...]  # per clip (n, j, 3): x to the subject's left, y up, z ahead
-    joint_names: tuple[str, ...]  # (j,)
+    joint_names: tuple[str, ...]  # (j,) names of the joints
 
     def joint(self, clip: int, name: str) -> np.ndarray:
         """Return the positions (n, 3) of a joint, metres."""

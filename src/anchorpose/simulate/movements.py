@@ -1,5 +1,5 @@
-"""Define the motions of a patient in stand training. Each motion adds random offsets to some channels
-(``timeline``).
+"""Define the motions of a patient in stand training. Each motion adds random offsets to some channels, the numbers that
+describe a posture (``timeline``).
 """
 
 from __future__ import annotations
@@ -141,8 +141,8 @@ class GivingWay(Movement):
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the growing strength, 0 to 1, at x, a share of ``rise_s``. When the movement begins to slow, its speed
-        is twice the average.
+        """Return the strength of the movement, which grows from 0 to 1, at x: the time since the start as a share of
+        ``rise_s``. When the movement begins to slow, its speed is twice the average.
         """
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))
@@ -152,7 +152,7 @@ class GivingWay(Movement):
 class Beating(Movement):
     """A movement that oscillates between its offsets and their opposite, such as a clonus."""
 
-    frequency_hz: float  # oscillations per second
+    frequency_hz: float  # number of oscillations per second
 
     def strength(self, times_s: np.ndarray) -> np.ndarray:
         """Return the factor (t,), -1 to 1, on the offsets."""
@@ -164,7 +164,8 @@ def buckle(rng: np.random.Generator, start_s: float) -> Movement:
     """Return a movement in which one knee gives way within 0.2 to 0.45 s, so that the pelvis sinks on this side; then
     the leg straightens within a second.
     """
-    way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))  # way: 1 = the right knee
+    # way: 1 = the right knee, -1 = the left knee
+    way, drop_m = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.07, 0.10))
     offsets = (("pelvis_up", -drop_m), ("pelvis_side", 0.2 * way), ("pelvis_right", -0.03 * way))
     fall_s, caught_s = rng.uniform(0.2, 0.45), rng.uniform(0.2, 0.5)
     return Movement(offsets, start_s, float(fall_s), float(caught_s), 1.0)

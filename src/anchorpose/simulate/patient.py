@@ -69,7 +69,7 @@ class Actor:
     footwork: Footwork  # initial stance and steps
     waves: tuple[Wave, ...]  # sway and tremor
     grip_m: np.ndarray | None = None  # (2, 3) places on the rails that the hands hold; None without rails
-    gone_s: tuple[tuple[float, float], ...] = ()  # s, from the first step of each walk out to the last step back
+    gone_s: tuple[tuple[float, float], ...] = ()  # s, start of each walk out and end of the walk back
 
     def channels(self, times_s: np.ndarray) -> np.ndarray:
         """Return the values of all channels (c, t)."""
@@ -105,7 +105,7 @@ def resting_channels(person: Person, in_frame: bool) -> np.ndarray:
     a frame.
     """
     base = np.zeros(len(CHANNELS))
-    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # m above the pelvis of the rest pose, in which the knees are bent
+    base[CHANNEL_INDEX["pelvis_up"]] = 0.03  # 0.03 m above the pelvis of the rest pose, in which the knees are bent
     for side in ("left", "right"):
         base[CHANNEL_INDEX[f"shoulder_abduct_{side}"]] = 0.45 if in_frame else 0.27
         base[CHANNEL_INDEX[f"shoulder_flex_{side}"]] = 0.25 if in_frame else 0.0
@@ -141,8 +141,9 @@ def draw_patient(
 ) -> Actor:
     """Draw a patient's movements for the whole recording. frame: equipment that the hands hold; None = none.
 
-    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right; None = in a room,
-    which sets the patient's walk later. Raises AnchorposeError if the recording is too short for the walks.
+    ways_out_m (2, 2): x and z of the places out of view to which the patient walks, left and right. It is None if the
+    patient is never away, and in a cluttered room, where the patient's walk is set later. Raises AnchorposeError if
+    the recording is too short for the walks.
     """
     base = resting_channels(person, frame is not None)
     if frame is None:
@@ -175,7 +176,7 @@ def draw_patient(
 
 
 def _of_arms(rng: np.random.Generator, names: list[str], config: SimulationConfig, here: Situation) -> list[Movement]:
-    """Draw one movement of the arms after the other, until the recording ends."""
+    """Draw movements of the arms, one after the other, until the recording ends."""
     movements, now = list[Movement](), rng.uniform(0.0, 0.6)
     while names and now < config.seconds:
         movements.append(timed(rng, ARM_MOTIONS[str(rng.choice(names))](rng, here), now, draw_pace(rng, config.speed)))
@@ -189,7 +190,7 @@ def _chosen(config: SimulationConfig) -> tuple[list[str], list[str]]:
     legs = [m for m in (*LEG_MOTIONS, "steps") if mixed or m in config.motions]
     legs += [m for m in NAMED_ONLY if m in config.motions]
     if config.away_s:
-        legs = [m for m in legs if m != "steps"]  # a patient who walks in and out does no other steps
+        legs = [m for m in legs if m != "steps"]  # a patient who walks in and out makes no other steps
     return legs, [m for m in ARM_MOTIONS if mixed or m in config.motions]
 
 
@@ -219,7 +220,9 @@ def _come_and_go(
 
 
 def _require_time_to_walk(gone_s: list[tuple[float, float]], config: SimulationConfig) -> None:
-    """Raise AnchorposeError if a walk begins before the recording or the previous return, or ends after the end."""
+    """Raise AnchorposeError if a walk begins before the recording or before the previous return, or ends after the
+    recording.
+    """
     times_s = [0.0, *(time_s for span in gone_s for time_s in span if np.isfinite(time_s)), config.seconds]
     if times_s != sorted(times_s):
         raise AnchorposeError(
@@ -282,14 +285,15 @@ def seated_offsets(person: Person) -> tuple[tuple[str, float], ...]:
 def _draw_steps(
     rng: np.random.Generator, footwork: Footwork, start_s: float, pace: float, here: Situation
 ) -> tuple[Footwork, list[Movement]]:
-    """Draw 2 or 4 steps in place, forward or backward; steps 3 and 4 return. The pelvis shifts over the standing foot.
+    """Draw 2 or 4 steps in place, forward or backward; steps 3 and 4 bring the feet back to their places. The pelvis
+    shifts over the standing foot.
 
     Return ``footwork`` with the steps appended, and the shifts of the pelvis.
     """
     places, yaws = final_stance(footwork)
     stride_m = 0.0 if here.in_frame or rng.random() < 0.4 else rng.uniform(0.12, 0.28)
     if float(np.mean(np.asarray(places)[:, 0])) > FARTHEST_FORWARD_M:
-        stride_m = -stride_m  # backward, since ten minutes of forward steps would lead to the camera
+        stride_m = -stride_m  # steps lead backward now, since ten minutes of forward steps would lead to the camera
     duration_s = 0.7 * pace + 0.15
     first, steps, shifts = int(rng.integers(2)), [], []
     now = start_s + 0.35 * pace
@@ -305,7 +309,9 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Place palms on the rails, fingers forward and down. Wrists are above the rails, so no forearm touches a rail."""
+    """Return goals with the palms on the rails, and with fingers that point forward and down. Wrists are above the
+    rails, so no forearm touches a rail.
+    """
     fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
     palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP
     wrists, turns = [], []

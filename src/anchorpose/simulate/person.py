@@ -31,19 +31,23 @@ from anchorpose.simulate.config import SimulationConfig
 from anchorpose.simulate.rigged_body import read_rigged_body
 
 SHORTEST_M, TALLEST_M = 1.5, 1.9
-COEFFICIENT_SPREAD = 0.8  # standard deviation of each drawn coefficient, divided by the shape space's
+# standard deviation of each drawn shape coefficient, divided by its standard deviation in the shape space
+COEFFICIENT_SPREAD = 0.8
 BUMPS = 14  # number of bumps on the skin of a body
 FOLDS = 7  # number of waves whose sum gives the folds of clothes
-MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32  # mean and standard deviation of clothes' height, in ``Clothes.amplitude_m``
-# Standard deviation of the logarithm of the gap between skin and clothes; wavelength of the gap, in wavelengths of
-# folds. The offsets of skin patches that tracking learns with a prior of 20 mm had these root mean squares: 5 mm in a
-# simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and 17 mm in twelve real
-# recordings, which include coarser sensors and other bodies.
+# mean and standard deviation of clothes' height, in units of ``Clothes.amplitude_m``
+MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32
+# GAP_SPREAD: standard deviation of the logarithm of the gap between skin and clothes. GAP_PER_FOLD: wavelength of the
+# gap's variation over the skin, divided by the wavelength of the folds. The gaps make simulated clothes similar to real
+# ones: tracking learns an offset for each patch of skin (with a prior of 20 mm), and these offsets had the following
+# root mean squares: 5 mm in a simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and
+# 17 mm in twelve real recordings, which include coarser sensors and other bodies.
 GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
 LOOSE_SHIRT, LOOSE_TROUSERS = (0.4, 1.2), (0.5, 2.0)  # ranges of a factor on the height of folds
-BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")  # a bone is bare if its name contains one of these
+# a bone is bare if its name contains one of these texts
+BARE = ("Head", "Neck1", "Hand", "Thumb", "Finger", "Foot", "Toe")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +55,12 @@ class Clothes:
     """Folds of clothes: a sum of waves over the skin at rest, with phases that change with time and with the pose."""
 
     cover: np.ndarray  # (v,) factor on the height of the clothes above each vertex; 0 = bare
-    gap: np.ndarray  # (v,) factor on the clothes' mean distance from the skin; the height of folds is not multiplied
+    # (v,) factor on the clothes' mean distance from the skin; where it is below 1, it also lowers the folds
+    gap: np.ndarray
     waves: np.ndarray  # (k, 3) rad/m, wave vectors
-    phase: np.ndarray  # (k,) rad
+    phase: np.ndarray  # (k,) rad, phase of each wave at time 0 in the rest pose
     drift: np.ndarray  # (k,) rad/s, change of phase with time
-    bend_gain: np.ndarray  # (k,) rad of phase per rad of joint bend
+    bend_gain: np.ndarray  # (k,) change of phase, in rad, for each rad by which joints are bent
     amplitude_m: float  # height of a fold
 
 
@@ -67,7 +72,7 @@ class Person:
     coefficients: np.ndarray  # (k,) shape coefficients; empty for a body from a file
     height_m: float
     clothes: Clothes
-    normals: np.ndarray  # (v, 3) outward, of the skin in the rest pose
+    normals: np.ndarray  # (v, 3) outward normals of the skin in the rest pose
 
     def skin(self, transforms: np.ndarray, time_s: float) -> np.ndarray:
         """Return the dressed skin (v, 3), float32 world metres; transforms (b, 4, 4): T_world_rest of the bones."""
@@ -177,7 +182,9 @@ def _looseness(rng: np.random.Generator, asset: BodyAsset) -> np.ndarray:
 
 
 def skin_points(person: Person, bones: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); folds have mean height."""
+    """Return points and normals of the dressed skin, (t, n, 3) each, at ``vertices`` (n,); the clothes have their mean
+    height above the skin.
+    """
     asset, clothes = person.body.asset, person.clothes
     normals = person.normals[vertices]
     height_m = MEAN_HEIGHT * clothes.amplitude_m * clothes.cover[vertices] * clothes.gap[vertices]
@@ -225,7 +232,9 @@ def _dressed(asset: BodyAsset) -> np.ndarray:
 
 
 def _bumps_m(rng: np.random.Generator, asset: BodyAsset, vertices: np.ndarray) -> np.ndarray:
-    """Return random bumps of the skin, (v,) metres outward: muscle, fat and spasms, not the same on both sides."""
+    """Return random bumps of the skin, (v,) metres outward, as muscle, fat and spasms cause them. The bumps differ
+    between the left and the right side.
+    """
     dressed = _dressed(asset)
     centres = vertices[rng.choice(np.flatnonzero(dressed > 0.9), BUMPS)]
     height_m = rng.normal(0.0, 0.005, BUMPS).clip(-0.008, 0.008)
@@ -259,8 +268,8 @@ def _smooth(vertices: np.ndarray, waves: np.ndarray, phase: np.ndarray) -> np.nd
 class _RestSkin(NamedTuple):
     """The skin at rest."""
 
-    vertices: np.ndarray  # (v, 3) float32
-    normals: np.ndarray  # (v, 3) float32
+    vertices: np.ndarray  # (v, 3) float32, positions of the vertices
+    normals: np.ndarray  # (v, 3) float32, outward normals at the vertices
     bones: np.ndarray  # (v, w) int32, bones that move each vertex
     weights: np.ndarray  # (v, w) float32, weights of these bones
 

@@ -18,15 +18,19 @@ from anchorpose.simulate.carried_pelvis import KneeBend, Legs, carried_pelvis
 
 SIDES = ("Left", "Right")
 OUTWARD = np.array([-1.0, 1.0])  # per side, sign of the direction along Z that leads away from the middle
-FULL_REACH = 0.985  # maximum reach as a share of a limb's length; below 1, since a straight limb defines no plane
-STRAIGHT_REACH = 1.0 - 1e-6  # maximum reach / leg length if the knee's bend is given; at this reach, it is 0.2 degrees
-HEIGHT_SOFTNESS_M = 0.004  # m, range of the pelvis's height over which the limit by a straight leg sets in gradually
+# maximum reach as a share of a limb's length; below 1, since a straight limb does not define the plane in which it
+# bends
+FULL_REACH = 0.985
+# maximum reach / leg length if the bend of the knees is given; at this reach, the bend is 0.2 degrees
+STRAIGHT_REACH = 1.0 - 1e-6
+# m, range of heights over which the pelvis gradually approaches the greatest height that straight legs allow
+HEIGHT_SOFTNESS_M = 0.004
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # each bone's share of the trunk's bend
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # each bone's share of the head's bend
 CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
 # m, about the length of an upper arm. The elbow of an arm that holds something bends towards a point this far behind
-# the place that the elbow would have otherwise, since people who hold rails beside the hips have their elbows behind
-# the hands.
+# the place that the elbow would have otherwise. The reason is that people who hold rails beside the hips have their
+# elbows behind the hands.
 ELBOW_BEHIND_M = 0.3
 
 
@@ -43,7 +47,9 @@ class Captured:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
-    """A posture over time. First axis of all arrays: time (t). Second axis of arrays (t, 2, ...): left, right."""
+    """A posture over time. The first axis of all arrays is the time (t). The second axis of arrays (t, 2, ...) is the
+    side: left, right.
+    """
 
     # (t, 3) intended position of the pelvis; the pelvis is lower where straight legs do not reach this position
     pelvis_m: np.ndarray
@@ -242,7 +248,9 @@ class _Poser:
     def _pulled(
         self, posture: Posture, side: int, limb: RestLimb, upper: np.ndarray, fore: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotations of upper arm and forearm with the wrist pulled to its target. The elbow points backward."""
+        """Return rotations (t, 3, 3) of upper arm and forearm after the wrist is pulled to its target. The elbow points
+        backward.
+        """
         pull = posture.pull[:, side, None]
         if not pull.any():
             return upper, fore

@@ -34,8 +34,9 @@ class Figure:
     """A person, or a piece of moved furniture, to be drawn into an image."""
 
     skin_m: np.ndarray  # (v, 3) float32, world metres; of a person: the dressed skin
-    faces: np.ndarray  # (f, 3)
-    face_part: np.ndarray  # (f,) uint8, part number of each face, as in ``TrueImage``
+    faces: np.ndarray  # (f, 3) indices of the vertices of each triangle
+    # (f,) uint8, for each face, 1 + index of the bone that moves it; 0 for furniture and mirror images
+    face_part: np.ndarray
     label: int
 
 
@@ -66,7 +67,8 @@ class Lens(NamedTuple):
     """A camera's lens as arrays that compiled kernels can use."""
 
     array: np.ndarray  # ``lens_array`` as float32
-    rays: np.ndarray  # from ``rays_of_pixels``
+    # (height, width, 2) x / z and y / z of each pixel's ray (``rays_of_pixels``); NaN for a pixel without a ray
+    rays: np.ndarray
 
 
 def draw_figures(camera: Camera, still: TrueImage, figures: tuple[Figure, ...]) -> TrueImage:

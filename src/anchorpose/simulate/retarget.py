@@ -28,9 +28,11 @@ from anchorpose.simulate.timeline import (
     ease,
 )
 
-STRAIGHT_LEG: Final = 0.998  # maximum reach of a leg / its length; at this reach, the knee is still bent by 7 degrees
+# maximum reach of a leg, divided by its length; at this reach, the knee is still bent by 7 degrees
+STRAIGHT_LEG: Final = 0.998
 PELVIS_S: Final = 0.06  # s, standard deviation of the Gaussian that smooths the path of the pelvis
-KNEE_SHOWS_M: Final = 0.05  # m; a knee this far from the line from hip to ankle points in the captured direction
+# m; a knee at least this far from the line from hip to ankle points in the captured direction
+KNEE_SHOWS_M: Final = 0.05
 AIR_M: Final = 0.12  # m; a foot at least this high above the floor keeps its angle to the shank
 TOES_DOWN_RAD: Final = 0.25  # rad, downward pitch of a foot in the air below an upright shank
 FINGERS_RAD: Final = 0.25  # rad, curl of the fingers
@@ -46,7 +48,7 @@ class CapturedActor:
 
     person: Person
     capture: Capture
-    pelvis_m: np.ndarray  # (n, 3)
+    pelvis_m: np.ndarray  # (n, 3) positions of the pelvis
     ball_m: np.ndarray  # (n, 2, 3) ball of each foot; y is the height above the floor
     foot_yaw: np.ndarray  # (n, 2) rad, direction of each foot, positive to the left
     heel: np.ndarray  # (n, 2) rad, rotation of each foot that raises its heel above its toes; negative = toes raised
@@ -56,8 +58,8 @@ class CapturedActor:
         return self.capture.seated
 
     def stay_s(self, from_s: float) -> tuple[float, float]:
-        """Return start and end of the time that the patient next spends at the place of training; as of an ``Actor``,
-        but this patient never leaves.
+        """Return start and end of the time that the patient next spends at the place of training; the end is infinity,
+        since a patient with a captured movement never leaves.
         """
         return from_s, np.inf
 
@@ -168,7 +170,9 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the pelvis (n, 3): the mean of the places (n, 2, 3) that the feet imply, weighted by ``feet.stands``."""
+    """Return the position of the pelvis (n, 3): the mean of the positions (n, 2, 3) that the two feet imply, weighted
+    by ``feet.stands`` and smoothed.
+    """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
     return gaussian_filter1d(pelvis, PELVIS_S * CLIP_HZ, axis=0, mode="nearest")
@@ -190,7 +194,8 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
-    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))  # pitch at which toes touch the floor
+    # pitch at which the toes would touch the floor
+    deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))
     return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
 
 
@@ -213,7 +218,7 @@ def _bend(parent: np.ndarray, child: np.ndarray, limits: tuple[float, float]) ->
 
 
 def _bend_turn(bend: np.ndarray) -> np.ndarray:
-    """Return the rotation (t, 3, 3) for angles (t, 3) as ``_bend`` returns them."""
+    """Return the rotation (t, 3, 3) for angles (t, 3), rad: bend forward, bend to the right, turn to the left."""
     return turns(np.stack([bend[:, 1], bend[:, 2], -bend[:, 0]], axis=1))
 
 

@@ -26,7 +26,9 @@ ENDS: Final = {
     "Leg": "Foot",
     "Foot": "ToeBase",
 }
-"""Bones that are turned to their direction in the asset's rest pose, each with the bone that begins at its end."""
+"""Bones that are turned to their direction in the asset's rest pose, each with the next bone, which begins at its
+end.
+"""
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
@@ -56,7 +58,9 @@ def read_rigged_body(path: Path) -> BodyMesh:
 
 @cache
 def sampled_vertices(asset: BodyAsset) -> np.ndarray:
-    """Return (p,): the vertex nearest to each of the tracker's skin points after their scaling to the body's height."""
+    """Return (p,): the vertex nearest to each of the tracker's skin points, after these points were scaled to the
+    body's height.
+    """
     points = body_points()
     if len(asset.vertices) == len(points.asset.vertices):
         return points.vertex

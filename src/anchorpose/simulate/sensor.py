@@ -21,13 +21,13 @@ class SensorSpec:
     focal_px: float
     nearest_m: float
     farthest_m: float
-    # Factor on the axial noise that was measured on white targets. Clothes, skin and floors return a quarter of the
-    # light that a white target returns, and a time-of-flight camera's noise is proportional to the inverse square root
-    # of the returned light, so the factor is 2.
+    # Factor on the axial noise that was measured on white targets. The noise of a time-of-flight camera is proportional
+    # to the inverse square root of the returned light. Clothes, skin and floors return a quarter of the light that a
+    # white target returns, so the factor is 2.
     noise_gain: float = 2.0
     baseline_m: float = 0.0  # m, distance between the imagers of a stereo camera
     disparity_noise_px: float = 0.06  # pixels, standard deviation of the error of disparity
-    disparity_steps: float = 32.0  # quantisation steps per pixel of disparity
+    disparity_steps: float = 32.0  # number of quantisation steps per pixel of disparity
     filtered: bool = False  # whether librealsense's filters are applied: decimation by two, then smoothing
     wiggle_m: float = 0.0012  # m, amplitude of a time-of-flight camera's smooth error, which is constant in a session
     dots: int = 0  # number of laser points from which the image is computed; 0 = every pixel has its own measurement
@@ -42,11 +42,12 @@ SENSORS = {
     "azure-kinect": SensorSpec(
         kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=1.2
     ),
-    # D455: 95 mm between imagers, 87 degrees wide (Luxonis, OAK vs RealSense), from 0.4 m on (librealsense, issue 9977)
+    # D455: 95 mm between the imagers, field of view 87 degrees wide (Luxonis, OAK vs RealSense), range from 0.4 m on
+    # (librealsense, issue 9977)
     "realsense": SensorSpec(
         kind="stereo", width=848, height=480, focal_px=424.0, nearest_m=0.4, farthest_m=6.0, baseline_m=0.095
     ),
-    # half resolution, as in MSR Action3D: depth steps of 9 mm at 1.8 m and 26 mm at 3 m
+    # half of the sensor's resolution, as in the data set MSR Action3D: depth steps of 9 mm at 1.8 m and 26 mm at 3 m
     "kinect-v1": SensorSpec(
         kind="stereo",
         width=320,
@@ -70,9 +71,9 @@ SENSORS = {
         disparity_noise_px=0.15,
         filtered=True,
     ),
-    # mode WFOV 2x2 binned, 120 x 120 degrees (117 with this lens), 0.25 to 2.88 m (Microsoft's hardware specification).
-    # At 2.88 m, this mode has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6 times that of
-    # azure-kinect
+    # mode WFOV 2x2 binned, field of view 120 x 120 degrees (117 with this lens), range 0.25 to 2.88 m (Microsoft's
+    # hardware specification). At 2.88 m, this mode has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6
+    # times that of azure-kinect
     "azure-kinect-wfov": SensorSpec(
         kind="time-of-flight",
         width=512,
@@ -83,8 +84,8 @@ SENSORS = {
         noise_gain=1.9,
         lens="rational",
     ),
-    # mode NFOV unbinned, 75 x 65 degrees (73 x 65 with this lens), 0.5 to 3.86 m; sensor, modes and limits of error are
-    # those of the Azure Kinect (Orbbec's hardware specification of Femto Bolt)
+    # mode NFOV unbinned, field of view 75 x 65 degrees (73 x 65 with this lens), range 0.5 to 3.86 m; sensor, modes and
+    # limits of error are those of the Azure Kinect (Orbbec's hardware specification of Femto Bolt)
     "femto-bolt": SensorSpec(
         kind="time-of-flight",
         width=640,
@@ -95,9 +96,9 @@ SENSORS = {
         noise_gain=1.2,
         lens="rational",
     ),
-    # 50 mm between the imagers (measured on two devices), 87 +- 3 degrees wide (data sheet, see docs/simulate.md); the
-    # maker assumes an error of 0.08 pixels of disparity for a calibrated unit (librealsense, issue 3904). The real
-    # camera also reads beyond 4.5 m, with more error
+    # 50 mm between the imagers (measured on two devices), field of view 87 +- 3 degrees wide (data sheet, see
+    # docs/simulate.md); the maker assumes an error of 0.08 pixels of disparity for a calibrated unit (librealsense,
+    # issue 3904). The real camera also reads beyond 4.5 m, with more error
     "d435": SensorSpec(
         kind="stereo",
         width=848,
@@ -108,9 +109,9 @@ SENSORS = {
         baseline_m=0.05,
         disparity_noise_px=0.08,
     ),
-    # 58 x 45 degrees, 0.8 to 3.5 m (Asus, as quoted in docs/simulate.md); 75 mm to its projector, steps of an eighth of
-    # a pixel, and a standard deviation of half a step, 5.7 mm at 2 m (Khoshelham and Oude Elberink 2012,
-    # doi:10.3390/s120201437)
+    # field of view 58 x 45 degrees, range 0.8 to 3.5 m (Asus, as quoted in docs/simulate.md); 75 mm from the imager to
+    # the projector, steps of an eighth of a pixel of disparity, and a standard deviation of half a step, which is 5.7
+    # mm at 2 m (Khoshelham and Oude Elberink 2012, doi:10.3390/s120201437)
     "xtion": SensorSpec(
         kind="stereo",
         width=640,
@@ -122,10 +123,11 @@ SENSORS = {
         disparity_noise_px=0.05,
         disparity_steps=8.0,
     ),
-    # 576 points, spread by ARKit over 256 x 192 pixels (apple/ARKitScenes, issue 14), up to 5 m (Apple). The remaining
-    # error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023, doi:10.1016/j.dibe.2023.100169; the gain is
-    # chosen for this value), and within 1 cm of the truth (Luetzenburg et al. 2021, doi:10.1038/s41598-021-01763-9;
-    # cited without having been read). The focal length is taken from ARKitScenes
+    # 576 measured points, which ARKit spreads over 256 x 192 pixels (apple/ARKitScenes, issue 14), range up to 5 m
+    # (Apple). The remaining error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023,
+    # doi:10.1016/j.dibe.2023.100169; the gain is chosen for this value), and within 1 cm of the truth (Luetzenburg et
+    # al. 2021, doi:10.1038/s41598-021-01763-9; cited without having been read). The focal length is taken from
+    # ARKitScenes
     "iphone-lidar": SensorSpec(
         kind="time-of-flight",
         width=256,
@@ -152,14 +154,15 @@ LENSES: dict[str, tuple[LensModel, tuple[float, ...], float | None]] = {
 
 # m; minimum difference of the depths around a pixel at an edge, beyond the difference that the surface's slope explains
 EDGE_STEP_M = 0.03
-SLOPE_ALLOWANCE = 4.0  # factor on a slope's depth change per pixel: 3 x 3 pixels span 2 steps, times 2 as a margin
+# factor on a slope's depth change per pixel: 3 x 3 pixels span 2 such changes, and a margin doubles this
+SLOPE_ALLOWANCE = 4.0
 DROPOUT = 0.003  # probability that a pixel, at an edge or elsewhere, has no reading
 EDGE_JITTER = 0.35  # probability that an edge pixel has the reading of one of its neighbours
 FLYING = 0.22  # probability that an edge pixel has a depth between the near and the far surface
 EDGE_LOSS = 0.08  # probability that an edge pixel has no reading
 GRAZING_COSINE = 0.10  # cosine of the largest angle of incidence (84 degrees) that gives a reading
 BLOB_PX = 2.2  # pixels, standard deviation of the Gaussian that imitates a stereo camera's matching window
-SPECKLE_DEVIATIONS = 2.7  # standard deviations of noise above which stereo matching fails
+SPECKLE_DEVIATIONS = 2.7  # size of the noise, in standard deviations, above which stereo matching fails
 JOINED_M = 0.1  # m; ARKit smooths depth steps below this value, unless the colour image shows an edge
 
 

@@ -24,7 +24,7 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
-BACKGROUND_FRAMES = 9  # number of images of the empty room; their median is stored
+BACKGROUND_FRAMES = 9  # number of images of the empty room; the median of these images is stored
 # m; maximum difference between the depth of seen skin and the depth in its pixel; a pixel is 7 mm wide at 2.5 m
 SAME_SKIN_M: Final = 0.03
 
@@ -36,7 +36,7 @@ class Shot:
     figures: tuple[Figure, ...]  # people at the time of the first camera's image
     images: tuple[TrueImage, ...]  # per camera, the image without errors
     depths_mm: tuple[np.ndarray, ...]  # per camera, (height, width) uint16 mm, the image that the recorder stores
-    seen_share: np.ndarray  # (21, cameras), from ``seen_shares``
+    seen_share: np.ndarray  # (21, cameras), seen share of the camera-facing skin around each joint (``seen_shares``)
     behind_passers: np.ndarray  # (cameras,), share of the patient's pixels that passers-by hide
 
 
@@ -76,7 +76,9 @@ class Studio:
         )
 
     def _without_people(self, index: int, frame: int, people: tuple[Figure, ...]) -> TrueImage:
-        """Return the true image of one camera without people. The mirror of a cluttered room still reflects them."""
+        """Return the true image of one camera without people. The mirror of a cluttered room still reflects the
+        people.
+        """
         clinic, time_s = self.clinic, float(self.performances[index].times_s[frame])
         if clinic.scene is not None and self.room_picture is not None:
             return self.room_picture.with_movers(tuple(m.figure(time_s) for m in clinic.scene.movers), people)
@@ -208,7 +210,8 @@ def _draw_hole_frames(clinic: Clinic) -> np.ndarray:
 
 
 def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return, for each joint (21,), the seen share of the skin around it that faces the camera.
+    """Return, for each joint (21,), the share of skin that the camera sees among the skin around the joint that faces
+    the camera.
 
     Skin may be hidden by other skin of the patient, people or equipment, or lie outside the image. The share is 0 if no
     skin around the joint faces the camera. bones (b, 4, 4), skin_m (v, 3): the patient at the time of the image.
@@ -237,8 +240,8 @@ def share_behind(
 
 
 def _unhidden(inside_m: np.ndarray, camera: Camera, image: TrueImage) -> np.ndarray:
-    """Return (p,) bool: whether the depth of each point (p, 3), camera frame, equals the patient's depth in the point's
-    pixel.
+    """Return (p,) bool: whether each point (p, 3), camera frame, is the surface that the camera sees: the point's pixel
+    shows the patient, at the point's depth within ``SAME_SKIN_M``.
     """
     columns, rows, inside = camera.pixel_of(inside_m)
     near = np.abs(image.depth_m[rows, columns] - inside_m[:, 2]) < SAME_SKIN_M

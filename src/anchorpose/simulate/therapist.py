@@ -34,7 +34,8 @@ CROUCHES = np.linspace(0.0, 1.0, 21)  # tried depths of a crouch, from 0 (standi
 SHOULDERS_ABOVE_HOLD_M = 0.22  # m, preferred height of the shoulders above the held places
 COMFORTABLE_REACH = 0.85  # comfortable distance from shoulder to held place, as a share of the arm's length
 DISTANCES_M = np.linspace(0.3, 1.1, 33)  # m, tried distances from the balls of the feet to the held places
-FOLLOW = 0.85  # share of the patient's motion that the therapist's body follows; the arms follow the remaining motion
+# share of the patient's motion with which the therapist's body moves along; the arms follow the rest of the motion
+FOLLOW = 0.85
 # m, maximum distance over which a therapist's body follows a patient without a captured movement
 FARTHEST_FOLLOW_M = 0.25
 LEAN_M = 0.12  # m, maximum distance over which a therapist's body follows a patient with a captured movement
@@ -46,7 +47,7 @@ HELD_M = 0.005  # m; a hand counts as holding if its wrist is at most this far f
 PASSING_M = (0.6, 1.5)  # m, range of the distance between a camera and a person who passes it
 BESIDE_M = 3.2  # m, distance from each end of a passer-by's path to its crossing with the line of sight
 SLANTS_RAD = np.linspace(-0.6, 0.6, 25)  # rad, tried angles of the path; 0 = across the line of sight
-CLEAR_M = 0.7  # m, intended clearance of the path from the other cameras and from the patient
+CLEAR_M = 0.7  # m, intended distance of the path from the other cameras and from the patient
 HALFWAY = (0.35, 0.65)  # range of the time at which a passer-by crosses the line of sight, as a share of the recording
 
 
@@ -55,7 +56,7 @@ class Therapist:
     """A person in the room who is not the patient."""
 
     actor: Actor
-    hold: Hold | None  # places that the hands hold; None = holds nothing
+    hold: Hold | None  # places that the hands hold; None = the person holds nothing
 
     def bones(self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray) -> np.ndarray:
         """Return T_world_rest (t, b, 4, 4) of every bone of the therapist. Hands that hold the patient move with the
@@ -79,7 +80,9 @@ class Therapist:
     def held_joints(
         self, times_s: np.ndarray, patient: Actor | CapturedActor, patient_bones: np.ndarray, bones: np.ndarray
     ) -> np.ndarray:
-        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds none or cannot follow it."""
+        """Return (t, 2) int: the patient's joint that each hand holds, -1 if it holds no joint, or cannot follow the
+        joint.
+        """
         if self.hold is None:
             return np.full((len(times_s), 2), -1)
         person, wrist_bones = self.actor.person, [self.actor.person.body.asset.bone(f"{side}Hand") for side in SIDES]
@@ -92,7 +95,9 @@ class Therapist:
 def draw_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor | CapturedActor
 ) -> tuple[Therapist, ...]:
-    """Draw the configuration's number of therapists, each with a task; a third therapist only walks by."""
+    """Draw the configuration's number of therapists. At most two of them do a task on the patient; the others only walk
+    by.
+    """
     possible = tasks_on(patient, config)
     tasks = [task for name in config.therapist_tasks for task in possible if task.name == name]
     for index in rng.permutation(len(TASKS)):
@@ -163,7 +168,7 @@ def draw_passer_by(
     rng: np.random.Generator, config: SimulationConfig, cameras: tuple[Camera, ...], camera: int | None = None
 ) -> Therapist:
     """Draw a person who walks across the line from a camera to the patient, in the middle of the recording. camera:
-    None = drawn.
+    index of the camera; None = drawn.
     """
     person = draw_person(rng, config.clothing_m)
     chosen = cameras[int(rng.integers(len(cameras))) if camera is None else camera]
@@ -185,7 +190,8 @@ def draw_passer_by(
 
 def _clear_course(courses: np.ndarray, crossing_m: np.ndarray, others_m: np.ndarray, slant: float) -> int:
     """Return the index of the path whose angle is nearest to ``slant``, among the paths that keep ``CLEAR_M`` away from
-    the other cameras (k, 2) and the patient; if no path does, the index of the path that stays farthest away.
+    the other cameras (k, 2) and the patient. If no path keeps this distance, return the index of the path that stays
+    farthest away.
 
     courses (n, 2): unit directions (x, z) of the paths through ``crossing_m``, with the angles ``SLANTS_RAD``.
     """

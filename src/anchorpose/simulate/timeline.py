@@ -46,7 +46,7 @@ CHANNELS = (*TRUNK_CHANNELS, *(f"{name}_{side}" for side in ("left", "right") fo
 CHANNEL_INDEX = {name: index for index, name in enumerate(CHANNELS)}
 
 STEP_HEIGHT_M = 0.07  # m, height to which a step raises the ball of the foot
-TOE_OFF_RAD = 0.5  # rad, maximum rotation of the foot in a step, heel up
+TOE_OFF_RAD = 0.5  # rad, maximum rotation of the foot in a step, by which the heel rises
 BODY_LAG_S = 0.3  # s, half the window over which the trunk's path is smoothed: a trunk moves more evenly than feet
 WALK_STEP_S = 0.5  # s, duration of a walking step
 
@@ -61,7 +61,8 @@ ARM_SWING = 1.1  # rad of shoulder flexion for each metre by which the opposite 
 class Movement:
     """Offsets that a movement adds to some channels. The offsets grow from 0, stay, and return to 0."""
 
-    offsets: tuple[tuple[str, float], ...]  # channel and offset in metres or radians
+    # each channel that the movement changes, and its offset in metres or radians
+    offsets: tuple[tuple[str, float], ...]
     start_s: float
     rise_s: float  # s, time in which the offsets grow
     hold_s: float  # s, time for which the offsets stay
@@ -107,7 +108,7 @@ class FootTrack:
     """The path of both feet over time."""
 
     ball_m: np.ndarray  # (t, 2, 3) ball of each foot; y is its lift above the floor
-    yaw: np.ndarray  # (t, 2) rad
+    yaw: np.ndarray  # (t, 2) rad, directions of the feet
     heel: np.ndarray  # (t, 2) rad, rotation that raises the heel
 
 
@@ -276,8 +277,8 @@ def posture_from(
 
 
 def _pelvis(body: BodyMesh, channels: np.ndarray, place: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pelvis (t, 3) and its rotation from rest (t, 3, 3). The body is at ``place`` (t, 2) and faces ``yaw``
-    (t,).
+    """Return the position (t, 3) of the pelvis, and its rotation from rest (t, 3, 3). The body is at ``place`` (t, 2)
+    and faces ``yaw`` (t,).
     """
 
     def channel(name: str) -> np.ndarray:

@@ -58,7 +58,8 @@ def touches(clinic: Clinic, performance: Performance, figures: tuple[Figure, ...
 
 
 def bones_on_equipment(clinic: Clinic, patient_m: np.ndarray, bone: np.ndarray, time_s: float) -> np.ndarray:
-    """Return (parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part, or inside it.
+    """Return (parts, b) bool: bones with skin within ``EQUIPMENT_TOUCH_M`` of each part of the equipment, or inside
+    this part.
 
     patient_m (v, 3): the patient's dressed skin, world; bone (v,): the bone that moves each vertex. Equipment that was
     pushed before ``time_s`` is at its new place.

@@ -1,4 +1,4 @@
-"""Find places beyond the view of all cameras, to which a patient walks who leaves."""
+"""Find places that no camera sees, to which a patient who leaves can walk."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-ARMS_WITHIN_M: Final = 0.7  # m, radius around a walking person of 2 m whose arms are abducted for balance
+# m, radius around a walking person, 2 m tall, that contains the arms even if they are abducted for balance
+ARMS_WITHIN_M: Final = 0.7
 TALLEST_M: Final = 2.0  # m, maximum height of a simulated patient
 DISTANCES_M: Final = np.arange(0.5, 6.0, 0.1)  # m, tried distances from the place of training
 AZIMUTHS_RAD: Final = np.radians(np.arange(5.0, 180.0, 5.0))  # rad, tried directions on each side, from the front on
 
 
 def ways_out(cameras: Sequence[Camera], room: np.ndarray) -> np.ndarray:
-    """Return (2, 2) x and z, metres: to the left and to the right of the place of training, the nearest place at which
-    no camera sees any part of a person, because the place is outside the images or beyond a wall.
+    """Return (2, 2) x and z, metres, of two places: to the left and to the right of the place of training, the nearest
+    place at which no camera sees any part of a person. Such a place is outside the images or beyond a wall.
 
     room (n, 3, 3): triangles of a rectangular room, metres, world; the place of training is the origin.
     """
@@ -28,7 +29,7 @@ def ways_out(cameras: Sequence[Camera], room: np.ndarray) -> np.ndarray:
 
 
 def _unseen(cameras: Sequence[Camera], room: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: whether all cameras miss a person at each place (n, 2), x and z."""
+    """Return (n,) bool: whether no camera sees a person who stands at each place (n, 2), x and z."""
     walls_m = room.reshape(-1, 3)[:, [0, 2]]
     low_m, high_m = walls_m.min(axis=0) - ARMS_WITHIN_M, walls_m.max(axis=0) + ARMS_WITHIN_M
     beyond = ((places_m < low_m) | (places_m > high_m)).any(axis=1)

@@ -28,10 +28,13 @@ from anchorpose.simulate.shoot import Studio, set_up
 from anchorpose.simulate.touches import Touch, touches
 
 EQUIPMENT_FILE: Final = "equipment.json"
-PNG_COMPRESSION: Final = 2  # level; noise hardly compresses: a higher level triples the time and saves 3 % of the size
-PASSER_HIDES: Final = 0.25  # maximum share of the patient's pixels that passers-by hide in a frame that is not occluded
+# level of PNG compression; a higher level triples the time and saves only 3 % of the size, since noise hardly
+# compresses
+PNG_COMPRESSION: Final = 2
+# maximum share of the patient's pixels that passers-by hide in a frame that does not count as occluded
+PASSER_HIDES: Final = 0.25
 JITTER_LIMIT: Final = 0.4  # maximum jitter as a share of the frame period; above 0.5, stamps could change their order
-JITTER_SPREADS: Final = 2.0  # standard deviations at which the jitter's normal distribution is cut off
+JITTER_SPREADS: Final = 2.0  # number of standard deviations at which the jitter's normal distribution is cut off
 
 
 def simulate_recording(
@@ -42,8 +45,8 @@ def simulate_recording(
 ) -> None:
     """Write ``out/recording/`` and ``out/truth/``, either completely or not at all.
 
-    ``progress(done, total)`` is called after every frame; programme: as in ``draw_clinic``. Raises InputError if
-    ``out`` exists and is not empty, or is a link.
+    ``progress(done, total)`` is called after every frame; programme: function that draws the patient's movements; None
+    = the movements that ``config`` states. Raises InputError if ``out`` exists and is not empty, or is a link.
     """
     out = Path(out)
     check_place(out)
@@ -123,14 +126,14 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 class Sight:
     """The patient's visibility in each camera's images, in order of their numbers."""
 
-    patient_pixels: np.ndarray  # (t, cameras)
-    seen_share: np.ndarray  # (t, 21, cameras)
-    behind_passers: np.ndarray  # (t, cameras)
-    in_hole: np.ndarray  # (t,) bool
+    patient_pixels: np.ndarray  # (t, cameras), number of pixels that show the patient
+    seen_share: np.ndarray  # (t, 21, cameras), seen share of the camera-facing skin around each joint
+    behind_passers: np.ndarray  # (t, cameras), share of the patient's pixels that passers-by hide
+    in_hole: np.ndarray  # (t,) bool, frames with a hole
 
     def at(self, time_s: np.ndarray, records: tuple[Record, ...], within_s: float) -> Sight:
-        """Return the visibility at times (t,). Each camera counts with its image that was taken nearest to the time,
-        within ``within_s``; without such an image, it counts as a camera that sees nothing.
+        """Return the visibility at times (t,). For each camera, the image taken nearest to the time counts, if it was
+        taken within ``within_s``; a camera without such an image counts as a camera that sees nothing.
         """
         nearest = [record.nearest(time_s, within_s) for record in records]
         image, there = (np.stack(parts, axis=1) for parts in zip(*nearest, strict=True))  # (t, cameras)
@@ -147,13 +150,13 @@ def _write_truth(path: Path, studio: Studio, records: tuple[Record, ...], sight:
     """Write the truth with which tracking is compared. Its t frames are the frames of the first camera; places are in
     metres, world.
 
-    occluded (t,): a hole was cut, or passers-by hide over ``PASSER_HIDES`` of the patient's pixels from a camera. This,
-    patient_pixels and seen_share are of the image on the disk that each camera took nearest to the frame's time, within
-    half a frame period; a camera without such an image sees nothing.
-    In addition to the keys of the file format, the file has these arrays (n other people):
+    occluded (t,): whether a hole was cut into the images, or passers-by hide over ``PASSER_HIDES`` of the patient's
+    pixels from a camera. The arrays occluded, patient_pixels and seen_share describe the image on the disk that each
+    camera took nearest to the frame's time, within half a frame period; a camera without such an image counts as a
+    camera that sees nothing. In addition to the keys of the file format, the file has these arrays (n other people):
 
     - patient_pixels (t,): the patient's pixels of all cameras together
-    - seen_share (t, 21, cameras): as in ``seen_shares``
+    - seen_share (t, 21, cameras): seen share of the camera-facing skin around each joint (``seen_shares``)
     - touched (t, 31): bones with another person's skin within 3 cm, named by part_names
     - touched_joints (t, n, 21): joints that each other person touches
     - on_equipment (t, parts, 31): bones with skin within 1 cm of each part of the equipment, named by equipment_names

@@ -2,9 +2,9 @@
 cameras.
 
 The file's layout is defined by the published Azure Kinect Sensor SDK (github.com/microsoft/Azure-Kinect-Sensor-SDK,
-MIT, ``src/record``): a Matroska file with the track DEPTH, uncompressed, big-endian, millimetres; the lens in the
-attachment ``calibration.json``; the device's information in tags. Tracks of colour and infrared are never decoded. The
-lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
+MIT, ``src/record``): it is a Matroska file. Its track DEPTH has uncompressed, big-endian images in millimetres, its
+attachment ``calibration.json`` has the lens, and its tags describe the device. Tracks of colour and infrared are never
+decoded. The lens is read as in three files of the SDK: ``src/calibration/calibration.c`` (layout of calibration.json),
 ``src/transformation/mode_specific_calibration.c`` (cropping, binning and the shift by half a pixel) and
 ``src/transformation/intrinsic_transformation.c`` (order and meaning of the parameters). Orbbec's wrapper
 (github.com/orbbec/OrbbecSDK-K4A-Wrapper) has these files unchanged.
@@ -43,7 +43,7 @@ SENSOR_PX: Final = 1024
 FOCAL: Final = (0.25, 1.0)
 """Limits of the focal length, divided by the sensor's width; a value beyond them shows that the file is damaged. For a
 lens without distortion, the lower limit means a field of view of 127 degrees, the upper limit 53 degrees. The maker
-states 120 for its lens, which has distortion; a real file has 0.493.
+states 120 degrees for its lens, which has distortion; the focal length in a real file is 0.493.
 """
 
 
@@ -67,16 +67,16 @@ MODES: Final = (
     DepthMode("WFOV_2X2BINNED", 512, 512, 2, 0, 0),
     DepthMode("WFOV_UNBINNED", 1024, 1024, 1, 0, 0),
 )
-"""All modes with a depth image; no two have the same image size."""
+"""All modes with a depth image; no two modes have the same image size."""
 
 
 def depth_mode(width: int, height: int) -> DepthMode | None:
-    """Return the mode whose images have this size; None if no mode has it."""
+    """Return the mode whose images have this size in pixels; None if no mode has this size."""
     return next((mode for mode in MODES if (mode.width, mode.height) == (width, height)), None)
 
 
 def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
-    """Return the depth camera's lens in the pixels of a mode.
+    """Return the depth camera's lens, in pixels of the images of ``mode``.
 
     calibration: the text of ``calibration.json``. Raises ValueError with the problem, as the end of a sentence that
     begins with the file's name.
@@ -100,7 +100,7 @@ def lens_of(calibration: bytes, mode: DepthMode) -> Intrinsics:
 
 def _depth_camera(calibration: bytes) -> dict:
     """Return the entry of the depth camera in the text of ``calibration.json``; raises ValueError without such an
-    entry.
+    entry, or if its sensor does not have ``SENSOR_PX`` pixels per side.
     """
     try:
         document = parse_json(calibration.rstrip(b"\0"))
@@ -171,7 +171,7 @@ def open_source(path: Path) -> AzureKinectFile:
 @dataclass(slots=True, eq=False)
 class AzureKinectFile:
     """A recording of one camera. start_us: time of the device's clock at the file's time 0, microseconds; left_out:
-    number of damaged depth images. It is counted while frames are read, so the class is not frozen.
+    number of damaged depth images. This number changes while frames are read, so the class is not frozen.
     """
 
     path: Path
@@ -187,7 +187,8 @@ class AzureKinectFile:
         return (*self.header_notes, damaged) if self.left_out else self.header_notes
 
     def frames(self) -> Iterator[SourceFrame]:
-        """Yield the depth images by time, one in memory at a time; damaged images are left out, and counted in a note.
+        """Yield the depth images in the order of time; only a few images are in memory at once. Damaged images are
+        left out, and a note states their number.
 
         Raises InputError if the file has no depth image that can be read, or if reading the file fails.
         """
@@ -204,8 +205,10 @@ class AzureKinectFile:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
     def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes. Packets with a damaged time are left out: with a time
-        that is later than the next packet's, or not later than the previous packet's.
+        """Yield the packets that hold an image of ``size`` bytes. A packet without a time is left out. If the time of a
+        packet is not later than the time of the previous packet, one of the two counts as damaged and is left out: this
+        packet if its time is also not later than the time of the last packet before the two, otherwise the previous
+        packet.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.
@@ -297,7 +300,8 @@ def _lens(container: InputContainer, mode: DepthMode) -> tuple[Intrinsics | None
 
 
 def _start_us(container: InputContainer) -> tuple[int, str]:
-    """Return the device's time at the file's time 0, microseconds, and a note if the file does not state it.
+    """Return the time in microseconds that the device's clock showed at the file's time 0, and an empty text. If the
+    file does not state this time, return 0 and a note.
 
     The recorder subtracts this time from all time stamps, and the SDK's player adds it again. The tag
     K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
@@ -317,7 +321,8 @@ def _is_whole(path: Path) -> bool:
     start = head.find(SEGMENT) + len(SEGMENT)
     if start < len(SEGMENT) or not head[start : start + 1].strip(b"\0"):
         return False
-    width = 9 - head[start].bit_length()  # EBML (RFC 8794): its leading zero bits state how many bytes a length has
+    # EBML (RFC 8794): the leading zero bits of a length's first byte state how many bytes the length has
+    width = 9 - head[start].bit_length()
     unknown = (1 << 7 * width) - 1
     length = int.from_bytes(head[start : start + width]) & unknown
     return length != unknown and start + width + length == path.stat().st_size

@@ -30,17 +30,19 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 # Maximum size of an unpacked message in bytes, a hundred times the usual size. Larger sizes are refused, since a
 # damaged file may state any size.
 _LARGEST_BYTES: Final = 1 << 30
-_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # field "op" of each kind of record in ROS 1
+_MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # value of the field "op" in each kind of record of ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
 class DamagedBag(Exception):
-    """The error for bytes that contradict the format. Its message can follow "the file is damaged: "."""
+    """The error for bytes that contradict the format. Its message completes a sentence that begins with "the bag is
+    damaged: ".
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic of a file.
+    """A topic of a bag: a named series of messages of the same type.
 
     kind: the type of the topic's messages as ROS 1 writes it, for example ``sensor_msgs/Image``; cdr: whether the
     messages are in the encoding of ROS 2; definition: the text that defines the type, if the file embeds this text.
@@ -62,7 +64,9 @@ class Message:
 
 
 class BagFile(ABC):
-    """An opened file of messages. Raises InputError if the file cannot be opened, MissingPackage without rosbags."""
+    """An opened file of messages. repair: advice on how to repair a damaged file of this format. Raises InputError if
+    the file cannot be opened, MissingPackage if rosbags is missing.
+    """
 
     repair: str
 
@@ -77,8 +81,8 @@ class BagFile(ABC):
 
     @property
     def counted_channels(self) -> list[tuple[Channel, int | None]]:
-        """Return the channel of each publisher, and its number of messages; None if they can be counted only by reading
-        the whole file.
+        """Return, for each publisher on a topic, the channel and the number of messages, which is None if the messages
+        can be counted only by reading the whole file.
         """
         return list(self._connections.values())
 
@@ -332,9 +336,10 @@ def _damaged(error: Exception) -> DamagedBag:
 
 
 def _unpack(data: bytes) -> bytes:
-    """Unpack a message if it is packed with zstd, as RealSense and ROS 2 may do without stating it in the message.
+    """Unpack a message if it is packed with zstd. RealSense and ROS 2 may pack messages without stating this in the
+    message.
 
-    An unpacked message in CDR begins with a zero byte, so it cannot be taken for a packed one.
+    An unpacked message in CDR begins with a zero byte, so it cannot be mistaken for a packed message.
     """
     if not data.startswith(_ZSTD_MAGIC):
         return data

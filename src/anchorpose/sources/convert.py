@@ -68,8 +68,8 @@ def read_conversion(folder: Path) -> dict[str, Any] | None:
 
 
 def is_same(found: dict[str, Any], begun: dict[str, Any]) -> bool:
-    """Return whether two conversion.json identify the same conversion: with the same version, options and content of
-    inputs. The inputs may have been renamed.
+    """Return whether two conversion.json documents identify the same conversion: they state the same version of the
+    program, the same options, and inputs with the same content. The inputs may have been renamed.
     """
 
     def identity(document: dict[str, Any]) -> tuple[Any, ...]:
@@ -170,7 +170,7 @@ def convert(inputs: Sequence[Path], out: Path, options: ConvertOptions, progress
 
 
 def check_places(inputs: Sequence[Path], out: Path) -> None:
-    """Raise InputError if ``out`` cannot be written, if an input is given twice, or if one would be overwritten."""
+    """Raise InputError if ``out`` cannot be written, or if an input is given twice or would be overwritten."""
     check_place(out, *inputs)
     sources = [path.resolve() for path in inputs]
     for path, source in zip(inputs, sources, strict=True):
@@ -222,9 +222,12 @@ def _write_images(
     for source, cameras in zip(sources, plan.cameras, strict=True):
         with ExitStack() as stack:
             writers = [stack.enter_context(CameraWriter(out / own.camera.name, own)) for own in cameras]
-            to_skip = [writer.given for writer in writers]  # images that the stopped conversion has written
+            # per camera, the number of images up to the last image that the stopped conversion wrote
+            to_skip = [writer.given for writer in writers]
             frames = source.frames()
-            if isinstance(source, ImageFiles) and source.in_one_file:  # else images left out as damaged shift the count
+            # Such a source can begin at a position. Other sources do not yield damaged images, so in them the number of
+            # images to skip is not a position; their images are read and skipped.
+            if isinstance(source, ImageFiles) and source.in_one_file:
                 frames, done, to_skip = source.frames(to_skip[0]), done + to_skip[0], [0]
             progress(done, total)
             try:
@@ -259,8 +262,8 @@ def _finish(out: Path, begun: dict[str, Any], plan: Plan, counts: dict[str, int]
     """Remove the folders of cameras without images, and write recording.json last: without it the folder is not a
     recording.
 
-    notes: sentences on the images, which recording.json states, too; the notes of the plan concern poses, which may be
-    calibrated later.
+    notes: sentences on the images, which recording.json states, too. The notes of the plan are only in conversion.json,
+    since they concern camera poses, which may be calibrated later.
     """
     cameras = [own.document() for group in plan.cameras for own in group if counts[own.camera.name]]
     for name, count in counts.items():
@@ -286,7 +289,7 @@ def _json(document: dict[str, Any]) -> str:
 
 
 class FoundRecording(NamedTuple):
-    """The recording to use for a path that a user gave. ready: False if it must be made first."""
+    """The recording to use for a path that a user gave. ready: False if the path must be converted first, else True."""
 
     recording: Path
     ready: bool
@@ -323,13 +326,14 @@ def look_at(path: Path) -> FoundRecording:
 
 
 def _beside(path: Path) -> Path:
-    """Return the path of the recording that is made from a path."""
+    """Return the path of the recording that ``make_recording`` makes from ``path``, beside it."""
     return path.resolve().with_name(path.resolve().name + ENDING)
 
 
 def make_recording(path: Path, progress: Progress) -> tuple[str, ...]:
-    """Convert a path into a recording beside it; return notes. Raises InputError if the folder may not be written: even
-    administrators do not write into a folder that is marked as read-only.
+    """Convert a file or folder into a recording beside it; return the notes. Raises InputError if the folder around it
+    may not be written. A folder that is marked as read-only is refused even to administrators, whom the system would
+    permit to write.
     """
     recording = _beside(path)
     folder = recording.parent

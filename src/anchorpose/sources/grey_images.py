@@ -24,11 +24,11 @@ ENDINGS: Final = {".png", ".pgm"}
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-# Possible metres per grey value: 16 bits then reach to 16, 33 and 65 m. At such distances, depth cameras measure in
-# coarser steps.
+# Scales to choose from, in metres per grey value. With these scales, the largest 16-bit value stands for 16, 33 and 65
+# m. At such distances, depth cameras measure in steps coarser than the scale.
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
-_SPARE: Final = 1.25  # maximum ratio of later images' readings to the largest reading of the first image
+_SPARE: Final = 1.25  # assumed maximum ratio of the readings in later images to the largest reading in the first image
 GREY_M: Final = _SCALES[0]
 """Metres per grey value for files in metres whose largest reading is unknown until the whole file is read. This scale
 represents readings of up to 16.4 m, and rounds them by at most an eighth of a millimetre.
@@ -46,8 +46,9 @@ class FrameFile:
 
 
 class ImageFiles:
-    """A source of one camera whose depth images are single files, or parts of one file. ``read`` decodes the image at a
-    position in ``files``, uint16, or returns None and its problem; by default it decodes the file of this image.
+    """A source of one camera whose depth images are single files, or parts of one file. read: function that decodes the
+    image at a position in ``files``. It returns the image (height, width) uint16 and an empty text, or None and the
+    problem. By default, it decodes the file at this position.
     """
 
     def __init__(
@@ -82,8 +83,8 @@ class ImageFiles:
         return self._files[0].path == self._files[-1].path
 
     def frames(self, first: int = 0) -> Iterator[SourceFrame]:
-        """Yield the depth images in order, from the position ``first`` on. Raises InputError if a file with all images
-        ends before the last image.
+        """Yield the depth images in order, from the position ``first`` on. Raises InputError if all images are in one
+        file and this file ends before the last image is complete.
         """
         for position, file in islice(enumerate(self._files), first, None):
             grey, problem = self._read(position)
@@ -183,8 +184,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Choose the metres per grey value for a camera from an image (height, width) in metres; None without a reading.
 
-    The result is 0.001 if all readings are whole millimetres. Otherwise the result is the finest of a few scales that
-    can represent a quarter more than the largest reading.
+    The result is 0.001 if all readings are whole millimetres. Otherwise the result is the finest of the ``_SCALES``
+    that can represent a quarter more than the largest reading, or the coarsest if none can.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -45,8 +45,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import Reader, SourceCamera, json_object, require_counted
 
-# Minimum median, in m, of an image's readings for their unit to be metres. If readings are in millimetres, their median
-# exceeds the maximum ``FARTHEST_M``.
+# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit is
+# millimetres, the median exceeds the maximum, ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -78,7 +78,8 @@ def _open_array(path: Path) -> ImageFiles:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    # the header may state too many images: reading one more than the file has room for reports that its end is missing
+    # If the header states too many images, the array gets one image more than the file has room for. Reading this last
+    # image then reports that the end of the file is missing.
     most = path.stat().st_size // max(1, math.prod(shape[1:]) * kind.itemsize) + 1
     return image_array(path, (min(shape[0], most), *shape[1:]), kind, _reader(path, start, shape[1:], kind))
 
@@ -173,9 +174,9 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
-    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>``, and not
-    ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in their names, or with their positions if
-    numbers are missing or repeated, and False.
+    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>`` with the
+    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in
+    their names, or with their positions if numbers are missing or repeated; and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -191,8 +192,9 @@ def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
 
 
 def _are_clock_times(micros: Sequence[int]) -> bool:
-    """Return whether the last twelve digits of all numbers can be hours, minutes, seconds and microseconds, and if read
-    so, give other intervals than as microseconds. Within a minute, both readings give the same intervals.
+    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is the case if the
+    last twelve digits of every number can be a time of day, and if these times have other intervals than the numbers as
+    microseconds. Within a minute, both interpretations give the same intervals, and the result is False.
     """
     shifts = set[int]()
     for micro in micros:
@@ -221,9 +223,9 @@ def camera_of(given: SidecarDocument, camera: SourceCamera, path: Path) -> Sourc
 
 
 def with_times(given: SidecarDocument, path: Path, files: Sequence[FrameFile]) -> Sequence[FrameFile]:
-    """Return the files with the times that the sidecar ``given`` states in place of their numbers; unchanged if it has
-    neither times nor a rate. Raises InputError if the sidecar does not have one time per file, or has a rate for
-    numbers that do not count the images.
+    """Return the files with the times that the sidecar ``given`` states in place of their numbers; unchanged if the
+    sidecar has neither times nor a rate. Raises InputError if the sidecar does not have one time per file, or if it has
+    a rate although the files' numbers do not count the images.
     """
     if given.times_s is not None:
         if len(given.times_s) != len(files):
@@ -241,7 +243,7 @@ def _images(path: Path) -> list[Path]:
 
 
 def _is_raw_dump(path: Path, head: bytes) -> bool:
-    """Return whether a sidecar is beside the file ``path``, or in the folder ``path`` of raw files."""
+    """Return whether ``path`` is a file with a sidecar beside it, or a folder of raw files with a sidecar in it."""
     sidecar = _sidecar(path)
     values = None if sidecar == path else json_object(sidecar)
     described = values is not None and values.get("format") == "depth-sidecar"

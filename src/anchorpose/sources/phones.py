@@ -168,7 +168,7 @@ def _open_record3d(path: Path) -> ImageFiles:
         has_times=timed,
     )
     files = [FrameFile(Path(name), time_s) for name, time_s in zip(names, times_s, strict=True)]
-    archive = zipfile.ZipFile(path)  # closed when the source is closed
+    archive = zipfile.ZipFile(path)  # stays open for ``_decode``; Python closes the file when the source is deleted
     notes = movement_note(_positions(values))
     return ImageFiles(path, camera, files, notes, lambda position: _decode(archive, names[position], camera))
 
@@ -235,9 +235,11 @@ def _decode(archive: zipfile.ZipFile, name: str, camera: SourceCamera) -> tuple[
 
     wanted = 4 * camera.width * camera.height
     try:
-        data = lzfse.decompress(_read(archive, name, wanted + 4096))  # packed data can be some bytes larger
+        # packed data can be some bytes larger than the image
+        data = lzfse.decompress(_read(archive, name, wanted + 4096))
     except (lzfse.error, *_DAMAGE) as error:
-        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: damage (a negative position)
+        # EINVAL means that the zip file is damaged and states a negative position
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:
             raise
         return None, "is damaged inside"
     if len(data) != wanted:

@@ -26,13 +26,14 @@ from anchorpose.recording.regular_file import LARGEST_IMAGE, LARGEST_TABLE, read
 from anchorpose.sources.source import Source, SourceCamera, require_counted
 
 QUARTERS: Final = {0: 0, 90: 1, 180: 2, 270: 3}
-"""Number of clockwise quarter turns of the image, by degrees."""
+"""Number of clockwise quarter turns of the image, by the angle in degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPlan:
-    """A camera of the recording to be written, whose images are upright. model and serial: empty if unknown; fps: None
-    if the images have times; count: number of images, None if unknown.
+    """A camera of the recording to be written. camera: describes the images as written, upright after the turn that
+    the user gave, if any; model and serial: empty if unknown; fps: images per second, None if the images have times;
+    count: number of images, None if unknown.
     """
 
     camera: Camera
@@ -250,9 +251,10 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 class CameraWriter(AbstractContextManager["CameraWriter"]):
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
-    given: number of images received, including the earlier run; written: number of these images that were written;
-    restarts: how often the numbers that ``write`` got began again. The number in an image's file name is its position
-    in the source, unless ``write`` gets another number.
+    given: the next image's number. Without numbers given to ``write``, it is the number of images received, including
+    the earlier run. written: number of images that were written, including the earlier run; restarts: how often the
+    numbers given to ``write`` began again. The number in an image's file name is its position in the source, unless
+    ``write`` gets another number.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:
@@ -275,7 +277,7 @@ class CameraWriter(AbstractContextManager["CameraWriter"]):
         previous image is left out, and None is returned.
 
         time_s: time on the device's clock, or the image's number if times are unknown; number: the number for the
-        image's file name; sources that state which images were lost give it. If a number is not larger than the
+        image's file name, given only by sources that state which images were lost. If a number is not larger than the
         previous number, because a camera restarted, the numbers continue at the next free number: no image is ever
         written over another image.
         """

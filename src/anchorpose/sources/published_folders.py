@@ -4,7 +4,7 @@ TUM: a text file lists times and depth images, with grey values in units of 1/50
 formats); the lens is published per sequence, not in the folder. Open3D and Redwood: a folder ``depth`` beside a JSON
 file with ``intrinsic_matrix``, stored column by column; ``depth_scale`` in this file is in grey values per metre
 (Open3D's RGBDVideoMetadata). ScanNet's reader of .sens files writes the lens to intrinsic/intrinsic_depth.txt, depth in
-mm, and the poses of a carried camera in an arbitrary world. If a folder has no times, the images get none.
+mm, and the poses of a carried camera in an arbitrary world. If a folder states no times, its images have only numbers.
 """
 
 from __future__ import annotations

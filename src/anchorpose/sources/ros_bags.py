@@ -107,7 +107,7 @@ class BagSource:
             camera = images[topic] if topic in images else stamps[topic]
             try:
                 if topic in stamps:
-                    if camera in waiting:  # else its image was damaged and is counted already
+                    if camera in waiting:  # else the image of this time stamp was damaged, and is counted already
                         yield _stamped(camera, *waiting.pop(camera), message)
                     continue
                 time_ns, depth = self._read(camera, message)

@@ -216,8 +216,8 @@ def image_size(info: CameraInfo) -> tuple[int, int]:
 
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
-    """Return the lens of the images that ``info`` describes. rectified: whether distortion was removed from them, so
-    that the matrix P applies instead of K.
+    """Return the lens of the images that ``info`` describes. rectified: whether distortion was removed from the images;
+    their camera matrix is then P, or K if P is missing and ``info`` has no distortion.
     """
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]
@@ -230,8 +230,9 @@ def lens_of(info: CameraInfo, rectified: bool) -> Lens:
 
 
 def lens_with(focal_centre: tuple[float, float, float, float], D: tuple[float, ...], model: str) -> Lens:
-    """Return the lens with this focal length and centre (fx, fy, cx, cy) and coefficients, unless the numbers are
-    impossible for a lens, as zeros and damaged numbers are; model: its model's name in ROS.
+    """Return the lens with the focal lengths and centre (fx, fy, cx, cy) and the distortion coefficients ``D``. model:
+    name of the distortion model in ROS. If the numbers are impossible for a lens, such as zeros and damaged numbers, or
+    if the model with this number of coefficients is unknown, the result states the problem instead.
     """
     fx, fy, cx, cy = focal_centre
     if not (all(abs(value) < _LARGEST for value in (*focal_centre, *D)) and min(fx, fy) >= _SHORTEST_PX):

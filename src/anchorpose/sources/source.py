@@ -33,7 +33,9 @@ MODULES: Final = (
     "mat_file",
     "image_folder",  # tried last: folders of most other formats hold images too, so this reader would match them
 )
-"""Modules of this package with ``READERS``, in the order in which they are tried. Each is imported when it is tried."""
+"""Modules of this package with ``READERS``, in the order in which they are tried. Each module is imported when it is
+tried.
+"""
 
 HEAD_BYTES: Final = 4096  # number of bytes at the beginning of a file by which its format is recognised
 
@@ -62,8 +64,9 @@ class SourceCamera:
 
 
 def require_counted(path: Path, step: float) -> None:
-    """Raise InputError if images cannot be timed by their rate, since their numbers do not count them: the median
-    difference between the numbers of successive images, ``step``, is not 1. Such numbers may be milliseconds.
+    """Raise InputError if the times of images cannot be computed from their numbers and their rate, since the numbers
+    do not count the images: the median difference between the numbers of successive images, ``step``, is not 1. Such
+    numbers may be milliseconds.
     """
     if step != 1.0:
         problem = f"the numbers of successive images differ by {step:g}, so images per second do not give times"
@@ -226,7 +229,8 @@ OTHERS_OWN: Final = (
 def _vendors_own(path: Path, head: bytes) -> tuple[str, str] | None:
     """Return a description and a workaround for a file that only the vendor's software reads; None for other files.
 
-    Of a ZED camera, an .svo2 file is an MCAP file that states its writer; an .svo file is recognised only by its name.
+    A ZED camera's .svo2 file is an MCAP file that states its writer at the beginning; a ZED camera's .svo file is
+    recognised only by its name.
     """
     named = path.is_file() and path.suffix.lower() in {".svo", ".svo2"}
     is_mcap = head.startswith(b"\x89MCAP0\r\n")

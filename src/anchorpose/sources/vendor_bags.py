@@ -241,7 +241,8 @@ def _properties(bag: Bag) -> dict[int, bytes]:
         reader.header()
         return reader.whole("I"), bytes(reader.take(reader.whole("I")))
 
-    # of damaged messages, ``_notes`` reports a missing unit, ``_refuse_disparity`` a missing setting
+    # damaged messages are left out: ``_notes`` then reports a missing unit, and ``_refuse_disparity`` refuses images of
+    # a stereo camera whose disparity setting is missing
     return dict(readable(bag, _PROPERTY, read))
 
 

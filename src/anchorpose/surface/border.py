@@ -1,8 +1,9 @@
-"""Find what bounds the surface at each node: the patient's own outline, or an object that cuts the surface off.
+"""Find the kind of border at which the surface ends near each node: the patient's own outline, or an object that cuts
+the surface off.
 
-If a bar or a therapist's arm is in front of the shin, the surface ends above it. The geodesic extremum at this end (the
-node farthest from the centre) then looks like a foot. Only the pixels around a node show whether the body really ends
-at the node.
+If a bar or a therapist's arm is in front of the shin, the visible surface of the leg ends above the bar or arm. The
+geodesic extremum at this end (the node farthest from the centre) then looks like a foot. Only the pixels around a node
+show whether the body really ends at the node.
 """
 
 from __future__ import annotations
@@ -21,15 +22,20 @@ from anchorpose.threads import each
 
 # pixels, maximum distance of a node from the depth edge that bounds it: two grid steps plus the pixels lost at an edge
 REACH_PX = 5
-SEARCH_PX = 3  # pixels; another surface is searched up to this far across the lost or flying pixels of an edge
+# pixels, maximum distance from a pixel of the patient at which another surface is searched for; the pixels between them
+# may be lost (no reading) or flying (a reading between both surfaces)
+SEARCH_PX = 3
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance from an object in front to the patient's skin: that of the thinnest bar, more than sensor noise
+# m, minimum distance between the patient's skin and an object that counts as in front of it; it is the distance of the
+# thinnest bar, and larger than the sensor's noise
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10
-HOLE_RADIUS_PX = 3  # pixels, minimum radius of a hole in the readings; the lost rim around every silhouette is thinner
+# pixels, minimum radius of a hole in the readings; the rim without readings around every silhouette is thinner
+HOLE_RADIUS_PX = 3
 MARGIN_PX = 24  # pixels, width of the examined strip around the patient; a hole of 0.15 m has this width at 2.4 m
-HOLE_ENCLOSED = 0.4  # minimum share of a hole's rim that shows the patient; below 0.5, to include holes at a limb's end
+# minimum share of a hole's rim that shows the patient; it is below 0.5, so that holes at a limb's end are included
+HOLE_ENCLOSED = 0.4
 
 
 class Border(IntEnum):
@@ -42,7 +48,8 @@ class Border(IntEnum):
 
 
 def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
-    """Return (n,) uint8 of ``Border`` for each node; views: one per camera, indexed by ``surface.camera``.
+    """Return (n,) uint8: the kind of border (``Border``) near each node; views: one per camera, indexed by
+    ``surface.camera``.
 
     Cameras that saw no node are skipped. A node on hidden skin is ``INSIDE``.
     """
@@ -56,8 +63,8 @@ def border(surface: Surface, views: Sequence[View]) -> np.ndarray:
 
 
 def _border_of_pixels(view: View) -> np.ndarray:
-    """Return (height, width) uint8 of ``Border``, valid on the patient's pixels; only their surroundings are
-    examined.
+    """Return the kind of border near each pixel (height, width) uint8 (``Border``). It is valid only on the patient's
+    pixels, since only the surroundings of these pixels are examined.
     """
     whole = np.zeros(view.labels.shape, np.uint8)
     top, bottom, left, right = extent(view.patient)
@@ -99,8 +106,8 @@ def _supported(kind: np.ndarray, spots: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.ndarray:
-    """Return the highest kind within a disc (odd, odd) around each pixel. Edge pixels are few, so the kind of each edge
-    pixel is written to all pixels of its disc.
+    """Return, for each pixel, the highest kind within a disc around it. disc (odd, odd): 1 inside the disc, else 0.
+    Edge pixels are few, so the kind of each edge pixel is written to all pixels of its disc.
     """
     height, width = kind.shape
     reach = len(disc) // 2
@@ -117,9 +124,9 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return the kind (``Border``) of each patient pixel, by the surfaces within ``SEARCH_PX`` in eight directions.
 
-    Floor and foot plate lie in front of every sole, but they do not cut the patient's surface. So each surface in front
-    is extrapolated by its slope to the patient's pixel. The floor, extrapolated, has the depth of the sole there; a
-    bar, extrapolated, is still in front.
+    Floor and foot plate are nearer to the camera than every sole, but they do not cut the patient's surface. So each
+    surface in front is extrapolated by its slope to the patient's pixel. There, the extrapolated floor has the same
+    depth as the sole, so it does not count as in front; an extrapolated bar is still in front of the patient.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)

@@ -1,8 +1,8 @@
 """Separate parts of the patient's body that touch, such as thigh on thigh or a hand on the trunk, at their creases.
 
-A mesh from a depth frame connects parts that touch. ``decide_candidates`` decides which skin each node shows, so that
-the border between two parts lies in the crease. ``cut_contacts`` then cuts the mesh where neighbouring nodes show skin
-that is far apart on the body.
+The mesh of a depth frame connects the surfaces of parts that touch. ``decide_candidates`` decides which skin each node
+shows, so that the border between two parts lies in the crease. ``cut_contacts`` then cuts the mesh where neighbouring
+nodes show skin that is far apart on the body.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from numba import njit
 from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-# 1/rad, cost of a fold; an edge that folds by 3 degrees counts as twice as long in a path
+# 1/rad, additional cost of an edge in a path per radian of inward fold, divided by the edge's length; an edge that
+# folds by 3 degrees counts as twice as long
 CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
-# distances prove nothing, as skin points are 3 cm apart
+# distances are no evidence of a contact, since neighbouring skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so it is not cut even
-# if an arm is wrongly predicted to lie on it
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so smooth skin is not
+# cut even if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
 # example, a step is at the rim of a hand on the trunk
@@ -41,9 +42,9 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
     none.
 
     The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
-    creases count as longer. A node with two candidates takes the candidate that is nearer, along the body, to the skin
-    that the preceding node on the path shows. The algorithm is label correcting, so the order of the nodes does not
-    matter.
+    creases count as longer. Of a node's two candidates, the node takes the candidate that is nearer, along the body, to
+    the skin point that the preceding node on the path shows. The algorithm is label correcting (a node is decided again
+    whenever a shorter path to it is found), so the order of the nodes does not matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -100,7 +101,9 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """Return the mesh's neighbours ``ring`` without the edges of contacts; skin (n,) int32 of ``Surface``."""
+    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts that are cut. skin (n,)
+    int32: the field of ``Surface``.
+    """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
     seam = np.arange(count).astype(np.int32)  # union-find forest: the nodes of one contact get one root

@@ -1,7 +1,7 @@
 """Clean a depth frame before it is meshed: estimate its noise, smooth it without blurring edges, drop flying pixels.
 
-Raw sensor noise lengthens geodesics by about a tenth. All computation is limited to the patient's pixels, a tenth of
-the frame.
+Raw sensor noise lengthens geodesics (the shortest paths along the surface) by about a tenth. All computation is limited
+to the patient's pixels, a tenth of the frame.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from numba import njit
 
 MAD_TO_SIGMA: Final = 1.4826  # factor from median absolute deviation to standard deviation of a normal distribution
 SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0] + z[1], divided by that of z
-MAX_STEP: Final = 0.02  # largest step between grey values of a depth image, divided by depth; larger are body edges
+# largest step between grey values of a depth image, divided by depth; a larger difference between readings is an edge
+# of the body
+MAX_STEP: Final = 0.02
 # maximum share of readings that equal a neighbouring reading; if more are equal, readings differ by whole grey values,
 # not by noise
 QUANTISED_SHARE: Final = 0.3
-# sigmas of the noise; a neighbour with a larger depth difference has no weight. The value is twice the usual 3, since
-# the centre pixel is noisy, too
+# sigmas of the noise; a neighbour whose depth differs from the centre pixel's by more has no weight. The value is twice
+# the usual 3, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
-# degrees, maximum slant of one surface; steeper skin is few pixels wide, and at an arm's edge depth jumps by more
+# degrees, maximum slant of a surface whose neighbouring pixels are connected; steeper skin is few pixels wide, and at
+# the edge of an arm the depth jumps by more than on such a slope
 MAX_SLANT_DEG: Final = 76.0
 # allowance for noise in the jump limit, in sigmas of the raw noise. Beside an edge, smoothing halves the noise, so two
 # sigmas of raw noise are about four sigmas of the smoothed depth
@@ -30,10 +33,10 @@ JUMP_SIGMAS: Final = 2.0
 def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
-    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient comes
-    from the robust spread of second differences along rows. If half the step between the grey values of the depth image
-    gives a larger coefficient, this coefficient is used. The coefficient is 0 for a frame without noise or without
-    three neighbouring readings in a row.
+    depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient is
+    computed from the median of the absolute second differences along rows, which edges hardly affect. If half the step
+    between the grey values of the depth image gives a larger coefficient, this coefficient is used. The coefficient is
+    0 for a frame without noise or without three neighbouring readings in a row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -147,8 +150,8 @@ def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.nd
 def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
-    """Filter the depth row by row, neighbour by neighbour. reach: depth difference divided by z**2 beyond which weights
-    are 0.
+    """Return the depth smoothed by the bilateral filter, computed row by row and, within a row, neighbour by neighbour.
+    reach: depth difference divided by z**2 beyond which weights are 0.
     """
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)
@@ -185,7 +188,7 @@ def _add_tap(
     """Add the neighbour at one offset to the sums of each pixel of a row.
 
     own_place, tap_place: row and column of the first pixel, and of its neighbour. Indices are unsigned: for signed
-    indices, compiled code would test whether they count from the end.
+    indices, the compiled code would first test whether an index is negative and so counts from the end of the array.
     """
     row, at = own_place
     i, there = tap_place

@@ -1,12 +1,13 @@
 """Assign seen nodes to the patient's expected (predicted) skin, and add the expected skin that no camera sees.
 
 Parts near each other in space may be far apart on the body: a hand may lie on the trunk, or one thigh against the other
-thigh. If two such parts are near a node, each part gives a candidate for the node's skin point, and the crease between
-the parts decides (``contacts.py``).
+thigh. If two such parts are near a node, each part gives a candidate for the skin point that the node shows. Which
+candidate is chosen depends on which side of the crease between the parts the node lies (``contacts.py``).
 
 Expected skin is added where nothing was seen and nothing contradicts it, and is linked to the rim of the seen surface.
-Such hidden skin is inferred, not measured. With hidden skin, geodesics run as on the complete body. Hidden skin also
-shows whether a limb continues behind an object. Registration, track tree and images of the patient use only seen nodes.
+Such hidden skin is inferred, not measured. With hidden skin, shortest paths along the surface (geodesics) run as they
+would on the complete body. Hidden skin also shows whether a limb continues behind an object. Registration (which fits
+the body), the track tree (which matches nodes from frame to frame) and images of the patient use only seen nodes.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from anchorpose.surface.surface import HIDDEN_SKIN, ExpectedSkin, MeshArrays, Sk
 
 
 class Pinhole(NamedTuple):
-    """A camera in the form for compiled kernels."""
+    """A camera's pose and lens as arrays, which compiled functions (kernels) can read."""
 
-    T_camera_world: np.ndarray  # (4, 4) float32
+    T_camera_world: np.ndarray  # (4, 4) float32, the transform from the world to the camera
     lens: np.ndarray  # from ``lens_array``
 
 
@@ -55,21 +56,25 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
     return np.float32(row), np.float32(column), z
 
 
-# m, maximum distance from a node to the expected skin point that it shows: the prediction error of a fast hand
+# m, maximum distance from a node to the expected skin point that it shows; it is the error with which a fast hand is
+# predicted
 REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# factor on a node's distance from a skin point along the point's normal; sideways, nodes may lie between skin points
+# factor on the part of a node's distance from a skin point that lies along the point's normal. The part along the skin
+# has less weight, since nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
-AMBIGUOUS_M: Any = np.float32(0.04)  # m; two skin points are candidates if their distances from a node differ by less
-FAR_ON_BODY_M: Any = np.float32(0.12)  # m along the body; candidates nearer to each other need not be distinguished
+# m; two skin points are both candidates for a node if their distances from the node differ by less than this
+AMBIGUOUS_M: Any = np.float32(0.04)
+# m along the body, minimum distance between two candidates; skin points nearer to each other need not be distinguished
+FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
 # cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
 # exceeds 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
 # minimum width that a pixel covers at a node, divided by the width at the skin nearest to the camera. It is below 1,
-# since a node may be nearer than all skin
+# since a node may be nearer to the camera than all expected skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
@@ -78,8 +83,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: ambiguous skin points, which are near other skin in space but far from it along the body. A
     node near such a point may show the point or the other skin.
 
-    Near means within twice ``AMBIGUOUS_M``. If the error of the prediction exceeds ``AMBIGUOUS_M``, some such points
-    are not found.
+    Near means within twice ``AMBIGUOUS_M``. If the predicted skin is off by more than ``AMBIGUOUS_M``, some ambiguous
+    points are not found.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -179,8 +184,8 @@ def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any,
 
 @njit(cache=True, nogil=True)
 def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[int, int, int, int]:
-    """Return the cells within ``reach_px`` pixels of a node as (top, bottom, left, right); bottom and right are one
-    past the last cell.
+    """Return the range of cells within ``reach_px`` pixels of a node's pixel, as (top, bottom, left, right); bottom and
+    right are one past the last cell.
     """
     row, col, away = int(pixel[n, 0]), int(pixel[n, 1]), int(reach_px) + 1
     top, bottom = max(row - away, 0) // CELL_PX, (row + away) // CELL_PX + 1
@@ -190,7 +195,7 @@ def _window(pixel: np.ndarray, n: int, reach_px: Any, grid: SkinGrid) -> tuple[i
 
 @njit(cache=True, nogil=True)
 def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) -> SkinGrid:
-    """Return the skin points that may face the camera and fall into its depth frame, sorted into cells."""
+    """Return the skin points that may face the camera and lie within its image, sorted into cells of pixels."""
     points, normals = skin.points_m, skin.normals
     T_camera_world, lens = camera
     cell, start = np.full(len(points), -1, np.int32), np.zeros(rows * cols + 1, np.int32)
@@ -236,7 +241,7 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
         while end < len(x) and y[end] - y[a] <= radius:
             end += 1
         count = 0
-        for b in range(a + 1, end):  # without ``if``, since the processor would mispredict one branch in ten
+        for b in range(a + 1, end):  # the loop has no ``if``, since the processor would mispredict one branch in ten
             squared = (x[b] - x[a]) ** 2 + (y[b] - y[a]) ** 2 + (z[b] - z[a]) ** 2
             near[count] = b
             count += int(squared < radius * radius)
@@ -248,16 +253,18 @@ def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     return marked
 
 
-SEEN_THROUGH_M: Any = np.float32(0.05)  # m; if a reading is this far behind a skin point, no skin is at this place
-# factor on the length of paths from skin point to skin point, since these are 2 % longer than straight paths
+# m; if a camera's reading lies more than this behind an expected skin point, no skin is at this place
+SEEN_THROUGH_M: Any = np.float32(0.05)
+# factor on the length of a path from skin point to skin point, since such a path is 2 % longer than the direct path
+# along the skin
 STRETCH: Any = np.float32(0.98)
 
 
 def add_hidden_skin(
     surface: Surface, expected: ExpectedSkin, depths_m: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> Surface:
-    """Return the surface with hidden skin points added as nodes after the seen nodes; they have links, but no ring of
-    grid neighbours.
+    """Return the surface to which hidden skin points (expected skin that was not seen) are added as nodes, after the
+    seen nodes. The added nodes have links, but no ring of grid neighbours.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
     if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
@@ -310,12 +317,12 @@ def _mark_seen_through(skin: np.ndarray, camera: Pinhole, depth: np.ndarray, abs
 
 
 class Seen(NamedTuple):
-    """The seen nodes."""
+    """The nodes that cameras saw, as arrays for compiled functions."""
 
     points_m: np.ndarray  # (n, 3) float32
     skin: np.ndarray  # (n,) int32, the skin point that each node shows, -1 = unknown
     rim: np.ndarray  # (n,) bool, nodes without a complete ring of neighbours
-    piece: np.ndarray  # (n,) int32, connected piece of mesh
+    piece: np.ndarray  # (n,) int32, number of the connected piece of mesh to which each node belongs
 
 
 class Paths(NamedTuple):
@@ -329,8 +336,8 @@ class Paths(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return place (k,): number of each skin point's new node, -1 = no new node; and shown (k,): the piece of mesh that
-    shows the point with an inner node (a node off the rim), -1 = none.
+    """Return two arrays for the skin points. place (k,): the number of the new node (of hidden skin) for the point, -1
+    = no new node. shown (k,): the piece of mesh in which an inner node (a node off the rim) shows the point, -1 = none.
 
     A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
     or a neighbouring skin point that no inner node shows becomes a new node.
@@ -367,7 +374,8 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
 
 @njit(cache=True, nogil=True)
 def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return links (m, 2) between new nodes, and from nodes at the rim to new nodes, and their lengths (m,) float32.
+    """Return the links (m, 2) between the new nodes (of hidden skin), and from seen nodes at the rim to new nodes, and
+    the lengths (m,) float32 of these links.
 
     Two skin points that one piece of mesh shows are not linked, since the mesh connects them.
     """

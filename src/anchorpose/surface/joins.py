@@ -18,14 +18,16 @@ from anchorpose.surface.surface import Surface, SurfaceConfig
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
 # the gap's width. Two nodes on a single shin have a smaller distance, nodes on two legs a far larger distance
 MAX_DEPARTURE: Final = 0.35
-SLACK_M: Final = 0.015  # m, added to the limit from ``MAX_DEPARTURE``, for soft tissue and noise beside a narrow bar
+# m, added to the maximum distance from the tangent plane (``MAX_DEPARTURE``), to allow for soft tissue and noise beside
+# a narrow bar
+SLACK_M: Final = 0.015
 MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which readings are lost or removed
 
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# maximum width of the gap between two pieces at a link, divided by the gap's least width. If the gap is wider at some
-# place, one piece merely stands in front of the other there
+# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap is wider, one
+# piece merely stands in front of the other piece, and no link is made
 SPREAD: Final = 1.5
 
 
@@ -37,7 +39,8 @@ def bridge_pairs(
     focal_px: float,
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs of nodes that face each other across hidden pixels, along rows, columns and diagonals.
+    """Return pairs of nodes that face each other across pixels hidden by equipment, along rows, columns and diagonals
+    of the grid.
 
     index (rows, cols) int32: node on the grid of every ``step``-th pixel, -1 = none; hidden (height, width) bool:
     pixels hidden by equipment; points_m (n, 3), n > 0, and normals float32, camera frame; focal_px: the longer focal
@@ -60,7 +63,9 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells; 2 ``margin`` may lack a reading."""
+    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells of the grid. Of these cells, at most 2
+    ``margin`` may be neither a node nor hidden by equipment.
+    """
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
     count = 0
@@ -93,7 +98,9 @@ def _facing_pairs(
 
 @njit(cache=True, nogil=True)
 def _belong(points: np.ndarray, normals: np.ndarray, p: int, q: int, max_width: float) -> bool:
-    """Return whether two nodes are near enough, have similar normals, and each lies near the other's tangent plane."""
+    """Return whether two nodes may belong to the same surface: they are at most ``max_width`` apart, their normals
+    differ by less than a right angle, and each lies near the other's tangent plane.
+    """
     width2, from_p, from_q, turn = 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
         gap = np.float64(points[q, axis]) - np.float64(points[p, axis])
@@ -110,8 +117,8 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
     """Return one camera's surface, on the grid of every ``step``-th pixel, with its pieces linked where they are
     nearest to each other.
 
-    Pieces that show expected skin count as one piece and are not linked to each other: hidden skin connects them
-    better.
+    All pieces with nodes that show points of the expected skin count as one piece. So they are not linked to each
+    other: hidden skin connects them better.
     """
     piece = pieces(surface)
     known = np.unique(piece[surface.skin >= 0])
@@ -127,7 +134,8 @@ def join_pieces(surface: Surface, step: int, max_gap_m: float) -> Surface:
 
 
 def join_rest(surface: Surface, max_gap_m: float) -> Surface:
-    """Return the surface with each separate seen piece linked to the largest piece, where they are nearest.
+    """Return the surface with each separate piece that contains seen nodes linked to the largest piece, where the two
+    pieces are nearest to each other.
 
     Links are at most ``max_gap_m`` long; a piece farther away stays separate, with infinite distances.
     """

@@ -1,4 +1,4 @@
-"""Handle links, which are edges outside the pixel grid, and the connected pieces of a mesh.
+"""Store links, which are edges outside the pixel grid, and find the connected pieces of a mesh.
 
 A link connects the nodes of two cameras, the two sides of a bar or a gap, or nodes of hidden skin.
 """
@@ -20,14 +20,14 @@ def links(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def straight_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Return the distance (l,) float32 between the nodes of each pair."""
+    """Return the straight-line distance (l,) float32 between the two nodes of each pair."""
     length: np.ndarray = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1).astype(np.float32)
     return length
 
 
 def compress_links(pairs: np.ndarray, length_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Convert undirected pairs (m, 2) of ``count`` nodes, with lengths (m,), to the compressed rows link_start,
-    link_node and link_length_m of ``Surface``.
+    """Convert undirected pairs (m, 2) of ``count`` nodes, with lengths (m,), to the compressed rows (CSR format)
+    link_start, link_node and link_length_m of ``Surface``.
 
     Each link appears in the rows of both its nodes. A node's links are in the order of the pairs. For repeated pairs,
     the shortest length counts.
@@ -57,7 +57,9 @@ def _compress(
     length: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Append pairs to the compressed rows (own_*) of the first o nodes; own_start is (o + 1,)."""
+    """Compute ``add_links`` in compiled code: append the pairs to the compressed rows (own_*) of the first o nodes.
+    own_start: (o + 1,).
+    """
     owners = len(own_start) - 1
     room = np.zeros(count + 1, np.int32)
     for n in range(owners):
@@ -80,7 +82,9 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    for n in range(count):  # merge repeated pairs; place: position of each node in this row, if the node occurs already
+    # merge repeated pairs; place: position at which each node occurs in the present row, less than start[n] if it does
+    # not
+    for n in range(count):
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]
             if place[there] < start[n]:
@@ -93,8 +97,8 @@ def _compress(
 
 
 def pieces(surface: Surface) -> np.ndarray:
-    """Return the number (n,) int32 of each node's connected piece; pieces are numbered in the order of their first
-    nodes.
+    """Return, for each node, the number (n,) int32 of the connected piece of mesh to which it belongs. Pieces are
+    numbered in the order of their first nodes.
     """
     return _connected_pieces(surface.arrays)
 

@@ -24,10 +24,11 @@ def estimate_normals(
     determine a plane.
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
-    pixel (n, 2) int16: row and column, each with a reading; raster order is fastest. slope, spread: the jump limit per
-    pixel, from ``jump_coefficients``. Raises ValueError for a pixel without a reading. The fit is to the inverse depth,
-    which is linear in the rays on a plane. So the fit is exact for planes at any slant. All pixels have the same
-    variance in this fit if noise grows as z**2.
+    pixel (n, 2) int16: row and column of pixels with a reading; the function is fastest if they are sorted by row, then
+    by column. slope, spread: the jump limit per pixel, from ``jump_coefficients``. Raises ValueError for a pixel
+    without a reading. The plane is fitted to the inverse depth, which on a plane is a linear function of the ray's two
+    coordinates. So the fit is exact for planes at any slant. If the noise of the depth grows as z**2, the inverse depth
+    has the same variance at all pixels.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -62,7 +63,9 @@ def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, i
 def _plane_normals(
     window: Window, pixel: np.ndarray, top: int, left: int, radius: int, slope: Any, spread: Any
 ) -> np.ndarray:
-    """Compute ``estimate_normals`` tile by tile: sums over the neighbours of each pixel, then the planes."""
+    """Compute ``estimate_normals`` tile by tile (up to ``TILE`` pixels of a row): first sums over the neighbours of
+    each pixel, then, from these sums, the plane at each pixel.
+    """
     z = window.z
     normals = np.empty((len(pixel), 3), np.float32)
     sums = np.empty(13 * TILE, np.float32)
@@ -105,8 +108,9 @@ def _tap_weight(i: int, j: int, radius: int) -> Any:
 def _add_taps(
     window: Window, sums: np.ndarray, own_place: Any, tap_place: Any, count: Any, apart: Any, weight: Any
 ) -> None:
-    """Add two neighbours, a and b, of each pixel to the sums. Values are relative to the pixel's own ray and inverse
-    depth, so that float32 is precise enough.
+    """Add two neighbours, a and b, of each pixel to the sums from which the pixel's plane is computed. The pixel's own
+    ray and inverse depth are subtracted from the rays and inverse depths of its neighbours, so that float32 is precise
+    enough.
 
     own_place, tap_place: row and column of the tile's first pixel, and of its neighbour a; b is the next pixel to the
     right of a. apart, weight: distance in pixels (for the jump limit) and weight of the neighbours a and b.
@@ -203,19 +207,21 @@ def build_surface(
 
 
 def edges(surface: Surface) -> np.ndarray:
-    """Return every edge of the surface once, (e, 2) int32 with the smaller index first: grid edges, then links."""
+    """Return every edge of the surface once, (e, 2) int32 with the smaller index first: edges of the pixel grid, then
+    links (all other edges).
+    """
     return np.concatenate([grid_edges(surface), links(surface)[0]])
 
 
 def grid_edges(surface: Surface) -> np.ndarray:
-    """Return every edge of the grid once, (e, 2) int32 with the smaller index first."""
+    """Return every edge between neighbours on the pixel grid once, (e, 2) int32 with the smaller index first."""
     node, place = np.nonzero(surface.ring[:, :4] >= 0)
     return np.sort(np.stack([node, surface.ring[node, place]], axis=1), axis=1).astype(np.int32)
 
 
 def faces(surface: Surface) -> np.ndarray:
-    """Return triangles (f, 3) int32, counter-clockwise as the camera sees them; each grid cell is cut along one
-    diagonal.
+    """Return the triangles of the mesh (f, 3) int32, with corners counter-clockwise as the camera sees them; each grid
+    cell is cut along one diagonal.
 
     Links have no triangles. A cell is cut along the diagonal that gives more triangles; if both give the same number,
     along the diagonal down to the right.
@@ -228,9 +234,9 @@ def faces(surface: Surface) -> np.ndarray:
         return (a >= 0) & (b >= 0) & (surface.ring[a, place] == b)
 
     fall_low = (down >= 0) & joined(down, 0, down_right)  # triangle (a, c, d) of a cell with the corners a b over c d
-    fall_high = (right >= 0) & joined(right, 6, down_right)  # triangle (a, d, b)
-    rise_high = (left >= 0) & joined(left, 6, down_left)  # triangle (b, a, c), from node b
-    rise_low = (down >= 0) & joined(down_left, 0, down)  # triangle (b, c, d), from node b
+    fall_high = (right >= 0) & joined(right, 6, down_right)  # triangle (a, d, b) of this cell
+    rise_high = (left >= 0) & joined(left, 6, down_left)  # triangle (b, a, c) of the cell with the node at b
+    rise_low = (down >= 0) & joined(down_left, 0, down)  # triangle (b, c, d) of the cell with the node at b
     corner_b = np.where(right >= 0, right, np.where(down_right >= 0, surface.ring[down_right, 2], -1))
     falls = fall_low.astype(np.int8) + fall_high
     rises = np.where(corner_b >= 0, (rise_high.astype(np.int8) + rise_low)[corner_b], 0)
@@ -314,8 +320,9 @@ def _large_pieces(surface: Surface, patch_m2: np.ndarray, min_piece_m2: float) -
 def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
-    """Return the ring (n, 8): neighbours are linked if no two successive readings between them differ by more than the
-    jump limit. Lost readings between two neighbours are skipped, so that a jump across them is still found.
+    """Return each node's neighbours ``ring`` (n, 8): two nodes next to each other on the grid are linked if no two
+    successive readings between them differ by more than the jump limit. Lost readings between two neighbours are
+    skipped, so that a jump across them is still found.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)

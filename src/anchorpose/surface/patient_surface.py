@@ -1,5 +1,5 @@
-"""Turn one frame's labelled depth images into the patient's surface: mesh them, cut and fuse the meshes, add hidden
-skin.
+"""Turn one frame's labelled depth images into the patient's surface: mesh each image, cut the mesh where body parts
+touch, fuse the meshes of all cameras, and add hidden (predicted) skin.
 
 If two cameras have nodes on the same skin, the nodes of the camera with fewer readings per area of skin are dropped,
 since this camera sees the skin at a slant or from farther away. Nodes within two grid steps of the kept nodes are not
@@ -26,10 +26,11 @@ from anchorpose.surface.mesh import build_surface, keep_nodes
 from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geodesic_lower_bound
 from anchorpose.threads import each
 
-# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. An arm
-# that lies on the trunk has its skin farther from the skin of the trunk
+# m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. The skin
+# of an arm that lies on the trunk is farther than this from the skin of the trunk
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
-MAX_TURN_DEG: Final = 60.0  # degrees, maximum angle between normals of the same skin, due to their noise in two cameras
+# degrees, maximum angle between the normals that two cameras measure on the same skin, due to noise
+MAX_TURN_DEG: Final = 60.0
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 # m along the body, maximum distance between the skin points of two nodes on the same skin. It allows for the spacing of
 # skin points; skin points of two thighs are farther apart
@@ -45,10 +46,10 @@ def fuse(
     """Join all cameras' nodes to one surface, in the order of ``surfaces``, without nodes that another camera sees
     better.
 
-    surfaces: one per camera, each in the world frame, as from ``build_surface``. The field ``camera`` of the result is
-    the index of the surface. expected: the skin to which ``skin`` of the surfaces refers; nodes that show skin far
-    apart on the body are never merged. Raises ValueError if cameras are missing, or if surfaces refer to expected skin
-    that is not given.
+    surfaces: one per camera, each in the world frame, as from ``build_surface``. In the result, the field ``camera`` of
+    a node is the index of the node's surface in ``surfaces``. expected: the skin to which ``skin`` of the surfaces
+    refers; nodes that show skin far apart on the body are never merged. Raises ValueError if cameras are missing, or if
+    surfaces refer to expected skin that is not given.
     """
     config = config or SurfaceConfig()
     if len(surfaces) != len(cameras) or len(surfaces) == 0:
@@ -77,7 +78,9 @@ def fuse(
 
 
 def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
-    """Return all nodes with each surface's own links, and no links between cameras."""
+    """Return the nodes and links of all surfaces as a single surface, without links between cameras. first (k + 1,):
+    index of the first node of each of the k surfaces in the result.
+    """
     return Surface(
         points_m=np.concatenate([surface.points_m for surface in surfaces]),
         normals=np.concatenate([surface.normals for surface in surfaces]),
@@ -96,14 +99,14 @@ def _side_by_side(surfaces: Sequence[Surface], first: np.ndarray) -> Surface:
 
 
 class Nodes(NamedTuple):
-    """All cameras' nodes, in the form for compiled kernels."""
+    """All cameras' nodes as arrays, which compiled functions (kernels) can read."""
 
-    points_m: np.ndarray  # (n, 3) float32
-    normals: np.ndarray  # (n, 3) float32
+    points_m: np.ndarray  # (n, 3) float32, places of the nodes in the world
+    normals: np.ndarray  # (n, 3) float32, unit normals of the nodes in the world
     inner: np.ndarray  # (n,) bool, nodes with a complete ring of neighbours
     skin: np.ndarray  # (n,) int32, the skin point that each node shows
     dropped: np.ndarray  # (n,) bool, nodes that another camera sees better
-    landmarks_m: np.ndarray  # (k, l) float32, as in ``BodyMap``
+    landmarks_m: np.ndarray  # (k, l) float32, distances of skin points to landmarks, as in ``BodyMap``
 
 
 class Grid(NamedTuple):
@@ -212,7 +215,9 @@ def _far_on_body(landmarks: np.ndarray, one: int, other: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
-    """Return whether two nodes are near each other, in each other's tangent planes, with similar normals."""
+    """Return whether two nodes show the same skin: they are near each other, each near the tangent plane of the other,
+    and have similar normals.
+    """
     points, normals = nodes.points_m, nodes.normals
     apart2, cosine, off_p, off_q = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for axis in range(3):
@@ -227,8 +232,8 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return the number of readings per square metre of skin at p and q for a camera at ``eye`` (3,), up to a constant
-    factor.
+    """Return, up to a constant factor, how many readings per square metre of the skin at nodes p and q a camera at
+    ``eye`` (3,) has.
     """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)

@@ -28,7 +28,8 @@ class SurfaceConfig:
     # pixels between nodes, 13 mm at 2.4 m. With 2 instead of 1, the geodesic error grows by 3 mm, and the computing
     # time falls to a quarter
     step: Count = 2
-    min_piece_m2: NotNegative = 0.0020  # m2, half a palm; smaller pieces are left out: bits of clothes, bars and floor
+    # m2, minimum area of a piece of surface, half a palm; smaller pieces are left out: bits of clothes, bars and floor
+    min_piece_m2: NotNegative = 0.0020
     # m, maximum width of a gap across which pieces are joined, such as chin to neck; 0 = no joins
     max_join_m: NotNegative = 0.10
     # pixels; smoothing in a window of 5x5 pixels (3 cm at 2.4 m) reduces errors of path lengths to about 1 %
@@ -43,7 +44,8 @@ class SurfaceConfig:
 
 
 class MeshArrays(NamedTuple):
-    """The mesh in the form for compiled kernels: fields of ``Surface`` with the same names, each as a C-ordered array.
+    """The mesh in the form that compiled functions (kernels) read: the fields of ``Surface`` with the same names, each
+    as a C-ordered array.
 
     points_m, normals (n, 3), link_length_m (m,) float32; ring (n, 8), link_start (n + 1,), link_node (m,) int32.
     """
@@ -60,7 +62,7 @@ class MeshArrays(NamedTuple):
 class Nodes:
     """Points of the skin that cameras saw."""
 
-    points_m: np.ndarray  # (n, 3) float32, world frame
+    points_m: np.ndarray  # (n, 3) float32, places of the nodes, metres in the world frame
     normals: np.ndarray  # (n, 3) float32, unit vectors towards the camera that saw the node
     camera: np.ndarray  # (n,) uint8, the camera that saw the node
     pixel: np.ndarray  # (n, 2) int16, row and column in that camera's image
@@ -69,7 +71,7 @@ class Nodes:
         return len(self.points_m)
 
     def take(self, chosen: np.ndarray) -> Nodes:
-        """Return the chosen nodes, by number (k,) or mask (n,), without edges."""
+        """Return the chosen nodes, without edges. chosen: numbers (k,) of nodes, or a mask (n,) bool."""
         return Nodes(self.points_m[chosen], self.normals[chosen], self.camera[chosen], self.pixel[chosen])
 
 
@@ -94,7 +96,7 @@ class Surface(Nodes):
     ring: np.ndarray
     link_start: np.ndarray  # (n + 1,) int32, where the links of each node begin
     link_node: np.ndarray  # (m,) int32, the node at the other end of each link
-    link_length_m: np.ndarray  # (m,) float32
+    link_length_m: np.ndarray  # (m,) float32, length of each link in metres
     skin: np.ndarray  # (n,) int32, the expected skin point that the node shows, -1 = unknown
 
     @property
@@ -104,7 +106,7 @@ class Surface(Nodes):
 
     @property
     def arrays(self) -> MeshArrays:
-        """Return the nodes and edges in the form for compiled kernels."""
+        """Return the nodes and edges in the form that compiled functions (kernels) read."""
         return MeshArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -149,7 +151,9 @@ class BodyMap:
 
 
 class SkinArrays(NamedTuple):
-    """Expected skin for compiled kernels: points_m, normals (k, 3) and landmarks_m (k, l), float32, C-ordered."""
+    """Expected skin in the form that compiled functions (kernels) read: points_m, normals (k, 3) and landmarks_m (k,
+    l), float32, C-ordered.
+    """
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -160,13 +164,13 @@ class SkinArrays(NamedTuple):
 class ExpectedSkin:
     """The patient's skin at the places that follow from the predicted pose."""
 
-    points_m: np.ndarray  # (k, 3) float32, world
+    points_m: np.ndarray  # (k, 3) float32, predicted places of the skin points, metres in the world frame
     normals: np.ndarray  # (k, 3) float32, world, outwards
     map: BodyMap  # distances along the skin between the same k points
 
     @property
     def arrays(self) -> SkinArrays:
-        """Return places and distances in the form for compiled kernels."""
+        """Return places and distances in the form that compiled functions (kernels) read."""
         return SkinArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),

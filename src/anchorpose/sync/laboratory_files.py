@@ -24,9 +24,9 @@ EDF_REMEDY: Final = "export it again as continuous EDF or EDF+"
 def read_xdf(path: Path) -> OtherFile:
     """Read the streams of an XDF file, as LabRecorder writes them, on the clock of the recording computer.
 
-    Streams of numbers are read as signals, and streams of events as markers: streams of texts, or of numbers without a
-    regular rate. Times are corrected by the clock offsets that the file has. Raises InputError if the file is not XDF
-    or is empty, MissingPackage if pyxdf is missing.
+    A stream of numbers is read as signals, a stream of texts as markers. A stream of numbers without a regular rate is
+    read both as signals and as markers, since its samples may be events. Times are corrected by the clock offsets
+    that the file has. Raises InputError if the file is not XDF or is empty, MissingPackage if pyxdf is missing.
     """
     try:
         import pyxdf
@@ -51,9 +51,9 @@ def read_xdf(path: Path) -> OtherFile:
 
 
 def read_edf(path: Path) -> OtherFile:
-    """Read a file in EDF, EDF+ or BDF, in seconds since its start: the signals with their labels, as one stream per
-    sampling rate, and annotations as markers named by their texts. Raises InputError if the file is not EDF,
-    MissingPackage if pyedflib is missing.
+    """Read a file in EDF, EDF+ or BDF, with times in seconds since its start. Signals keep their labels; all signals
+    with the same sampling rate and number of samples become one stream; annotations become markers that are named by
+    their texts. Raises InputError if the file is not EDF, MissingPackage if pyedflib is missing.
     """
     try:
         import pyedflib

@@ -66,8 +66,8 @@ def angular_velocity(joints: JointTable, segment: str) -> Signals:
 
 
 def one_way_sigma_s(joints: JointTable, segment: str, from_s: float, to_s: float) -> float:
-    """Return the sigma in s that errors of the segment's direction cause in a clock offset, if the offset is found from
-    the movement between ``from_s`` and ``to_s``.
+    """Return the standard deviation in s of the error that a wrong direction of the segment causes in a clock offset,
+    if the offset is found from the movement between ``from_s`` and ``to_s``.
 
     If a segment is tracked too far forward, its movement forward seems early and its movement back seems late. In a
     movement forward and back, these two errors of the offset cancel. They remain only if the last posture differs from

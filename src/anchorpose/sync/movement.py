@@ -83,7 +83,7 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
     """Return, for each lag of b (m, k) behind a (n, 3), the correlation after the best rotation, and the number of
     samples that it uses.
 
-    Rows with a NaN are left out. The lag with index i pairs a[j] with b[j + i - (n - 1)].
+    Samples (rows of a and b) with a NaN are left out. The lag with index i pairs a[j] with b[j + i - (n - 1)].
     """
     (a, seen_a), (b, seen_b) = _centred(a), _centred(b)
     count = np.maximum(np.rint(_sums(seen_a, seen_b)), 0.0)
@@ -101,7 +101,9 @@ def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _centred(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values less their mean, 0 in rows with a NaN; and (n,): 0.0 for these rows, 1.0 for other rows."""
+    """Return the values less their mean, 0 in rows with a NaN; and an array (n,): 0.0 for these rows, 1.0 for other
+    rows.
+    """
     seen = np.isfinite(values).all(axis=1)
     mean = values[seen].mean(axis=0) if seen.any() else 0.0
     return np.where(seen[:, None], np.nan_to_num(values - mean), 0.0), seen.astype(np.float64)

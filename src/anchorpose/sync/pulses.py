@@ -1,7 +1,8 @@
 """Find another device's clock from pulses that both devices recorded, by matching the pulses' starts and ends.
 
-A signal does not state whether its pulses begin at rising or at falling edges, so both readings are tried. The share of
-time at each level does not decide: stimulators are on more than half of the time, and triggers hardly ever.
+A signal does not state whether its pulses begin at rising or at falling edges, so both interpretations (readings) are
+tried. The share of time at each level does not decide between them: a stimulator is at the level of a pulse for more
+than half of the time, a trigger hardly ever.
 """
 
 from __future__ import annotations
@@ -41,12 +42,13 @@ LEAST_SHARE: Final = 0.5
 
 RIVAL_SHARE: Final = 0.75
 """If another offset matches at least this share of the number of starts and ends that the best offset matches, the
-pulses do not decide between the two offsets: they are evenly spaced, or are equally long and have unknown ends.
+pulses do not decide between the two offsets. This happens with evenly spaced pulses. It also happens with equally long
+pulses whose ends are unknown in one file: the known starts may match the starts or the ends in the other file.
 """
 
 LEAST_SIGMA_S: Final = 0.001
-"""Minimum standard deviation of an onset in s. The value is the error of an onset at a random time between two samples
-at 300 Hz.
+"""Minimum standard deviation of an onset in s. The value is the standard deviation of the error if the onset is at a
+random time between two samples at 300 Hz.
 """
 
 ROUNDS: Final = 5
@@ -99,8 +101,8 @@ def rising_edges(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
-    """One reading of the pulses in both files. offsets (c, 2): as in ``_candidates``; matched (c,): how many starts and
-    ends match at each offset.
+    """One reading (interpretation of edges as starts or ends) of the pulses in each file, with the offsets tried for
+    this pair. offsets (c, 2): as in ``_candidates``; matched (c,): how many starts and ends match at each offset.
     """
 
     ours: Pulses
@@ -114,7 +116,7 @@ class _Trial:
 
     @property
     def offset(self) -> np.ndarray:
-        """Return the offset (2,) at which most edges match."""
+        """Return the row (2,) of ``offsets`` at which most starts and ends match."""
         return np.asarray(self.offsets[np.argmax(self.matched)])
 
     def starts(self) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +129,8 @@ def find_pulse_clock(
     ours: Sequence[Pulses], theirs: Sequence[Pulses], near_s: float | None = None
 ) -> tuple[OtherClock, int]:
     """Find the other device's clock; return it and the number of matched pulses. ours, theirs: the possible readings of
-    the pulses on the recording's clock and on the other clock (``pulses_of_signal``).
+    the pulses, which interpret edges as starts or as ends, on the recording's clock and on the other clock
+    (``pulses_of_signal``).
 
     near_s: an offset that is correct within half a second, None if unknown. Raises NoCommonMovement if too few pulses
     match, or another offset matches nearly as many starts and ends, in the same or in another reading. If pulses are
@@ -155,7 +158,9 @@ def find_pulse_clock(
 
 
 def _require_no_other_offset(best: _Trial, trial: _Trial) -> None:
-    """Raise NoCommonMovement if in this reading, a clearly different offset matches nearly as many edges."""
+    """Raise NoCommonMovement if in ``trial``, an offset that clearly differs from the best offset matches nearly as
+    many starts and ends as the best offset.
+    """
     far = np.abs(trial.offsets[:, 0] - best.offset[0]) > 5.0 * TOLERANCE_S
     matched = np.where(far, trial.matched, 0)
     if matched.max() >= RIVAL_SHARE * best.most:
@@ -214,7 +219,7 @@ def _fitted(ours_s: np.ndarray, theirs_s: np.ndarray) -> OtherClock:
     middle_s, ahead_s = float(ours_s.mean()), theirs_s - ours_s
     since_s, offset_s = ours_s - middle_s, float(ahead_s.mean())
     sigma_s, drift, information = TOLERANCE_S / 2.0, 0.0, DRIFT_SIGMA**-2
-    for _ in range(ROUNDS):  # sigma is unknown in the first round
+    for _ in range(ROUNDS):  # the first round uses an assumed sigma
         information = float((since_s**2).sum()) / sigma_s**2 + DRIFT_SIGMA**-2
         drift = float((since_s * (ahead_s - offset_s)).sum()) / sigma_s**2 / information
         left_s = ahead_s - offset_s - drift * since_s

@@ -78,8 +78,8 @@ def read_other(path: Path, time_column: str | None = None) -> OtherFile:
 
 
 def _way(settings: SyncSettings) -> str:
-    """Return the option that selects the comparison; raises AnchorposeError unless exactly one such option is given,
-    with all other options that it needs.
+    """Return the name of the option that selects how the clocks are compared; raises AnchorposeError unless exactly one
+    such option is given, with all other options that it needs.
     """
     given = [way for way in WAYS if getattr(settings, way)]
     if len(given) != 1:
@@ -144,8 +144,8 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_pulses(other: OtherFile, name: str) -> tuple[Pulses, ...]:
-    """Return the possible readings of the pulses in the stream of markers or the signal ``name``; raises InputError if
-    the file has neither.
+    """Return the pulses in the stream of markers or the signal ``name``, for a signal in both readings
+    (``pulses_of_signal``); raises InputError if the file has neither.
     """
     markers = [each for each in other.markers if each.name == name]
     if markers:

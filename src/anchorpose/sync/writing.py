@@ -117,7 +117,7 @@ def _averaged(stream: Stream, at_s: np.ndarray, step_s: float) -> tuple[np.ndarr
     """
     first, end = (np.searchsorted(stream.time_s, at_s + side * 0.5 * step_s) for side in (-1, 1))
     known = np.isfinite(stream.values)
-    # subtracted to keep the sums small
+    # each signal's mean, which is subtracted so that the sums stay small and are rounded less
     centre = np.where(known, stream.values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     values = np.where(known, stream.values - centre, 0.0)
     count, total, square = (

@@ -1,5 +1,5 @@
-"""Match surface nodes of one frame with nodes of the next frame, by the best branches of a track tree over two to four
-frames. Make constraints on the pose from the matches (paper, Section IV).
+"""Match surface nodes of a frame with nodes of the next frame, by the best branches of a track tree. The tree covers
+two to four frames. Make constraints on the pose from the matches (paper, Section IV).
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ from anchorpose.track_tree.hypotheses import (
 from anchorpose.track_tree.parts import ITERATIONS, joints_of_parts, register_parts
 from anchorpose.track_tree.tree import Support, TrackResult, TreeConfig, best_branches
 
-PART_REACH_M = 0.08  # m; a node farther from the body's skin belongs to no part
-PAIR_SIGMA_M = 0.04  # m, sigma of a match's place; it is 17 to 40 mm for matches by distances to the best anchors
+PART_REACH_M = 0.08  # m; a node farther than this from the body's skin belongs to no part
+# m, assumed sigma of a match's place; for matches by geodesic distances to the best anchors, sigma is 17 to 40 mm
+PAIR_SIGMA_M = 0.04
 ANCHOR_SIGMA_M = 0.05  # m, the paper's bound on the localisation error of anchors
 
 
@@ -67,8 +68,8 @@ def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: G
     """Return the matcher from a frame's nodes to nodes of the next frame: one column per subset of the anchors that
     were found in both frames.
 
-    Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, one subset has
-    all of them; without anchors, the matcher has no columns.
+    Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, the only subset
+    has all found anchors; without anchors, the matcher has no columns.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)
@@ -93,8 +94,9 @@ def global_hypothesis(
 ) -> GlobalHypothesis:
     """Build, score and search the track tree from the first frame of the window over the later frames.
 
-    predicted: one pose per frame after the first; links: one matcher per pair of successive frames; node_count: number
-    of source nodes of the tree. A node is predicted to move with the body part on which it lies.
+    predicted: one pose per frame after the first; links: one matcher per pair of successive frames; node_count: maximum
+    number of nodes of the first frame with which the tree begins. A node is predicted to move with the body part on
+    which it lies.
     """
     source = window[0].surface
     chosen = np.unique(np.linspace(0, len(source) - 1, min(len(source), node_count)).astype(np.int64))
@@ -112,8 +114,9 @@ def global_hypothesis(
 
 
 def _reached(chosen: np.ndarray, links: Sequence[Matcher]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return matches and costs, one array per level. The first level has a row per chosen node. Later levels have a row
-    per node of their frame, filled only for nodes that the level before reaches.
+    """Return matches and costs, one array per level (step from a frame to the next). In the first level, each chosen
+    node has a row. In later levels, each node of the frame has a row, which is filled if the level before reaches this
+    node.
     """
     matches = [links[0].ask(chosen)]
     for link_ in links[1:]:
@@ -150,7 +153,9 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """Return a constraint per pair that pulls the skin point beside the node to the place of the node's match."""
+    """Return a constraint per pair (node and match). It pulls the skin point beside the node to the place of the node's
+    match, shifted by the offset from the node to the skin point.
+    """
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
     nodes = window[0].surface.points_m[hypothesis.node[found]].astype(np.float64)
@@ -184,7 +189,8 @@ def joints_by_parts(
     """Return the joints (21, 3) in the second frame, by the rule J (``joints_of_parts``), after every part was
     registered by the paper's ICP.
 
-    Skin points are moved to their ``skin_places``. Parts with too few matches and nodes keep their predicted motion.
+    The motion of each part is fitted to the ``skin_places`` of its skin points, and refined by ICP (iterative closest
+    point) to the surface. Parts with too few matches and nodes keep their predicted motion.
     """
     now, point, part = pose_points(body, pose), hypothesis.point, hypothesis.part
     T_predicted = part_motion(now.transforms, body.transforms(predicted))

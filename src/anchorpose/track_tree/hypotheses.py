@@ -1,8 +1,8 @@
-"""Make hypotheses on where each node is in the next frame, one per subset of the anchors (paper, Section IV, track tree
-construction).
+"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Section IV,
+track tree construction).
 
 The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
-V). The descriptor of a node is its geodesic distances to the anchors.
+V). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class Feature(StrEnum):
     """The evidence that two nodes show the same place on the skin."""
 
     GEODESIC = "geodesic"  # geodesic distances to the anchors (paper, Definition 3)
-    POSITION = "position"  # nearness to the node's place in the frame before, without a descriptor; for comparison
+    # nearness to the node's place in the frame before, without a descriptor; for comparisons with ``GEODESIC``
+    POSITION = "position"
 
 
 @settings
@@ -33,12 +34,14 @@ class HypothesisConfig:
     """Settings for making hypotheses."""
 
     feature: Feature = Feature.GEODESIC
-    # N_S, number of anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all in one hypothesis
+    # N_S, number of anchors per hypothesis; three are enough (paper, Section IV-D); 5 = all anchors in a single
+    # hypothesis
     subset_size: Count = 3
-    # whether every frame is matched with the next frames, as in the paper; False = match no frames
+    # whether matches of nodes between frames constrain the registration of the whole body in every frame; False = they
+    # are not used for it. The paper's method (``Method.PARTS``) uses matches in any case
     always: bool = False
     # whether distances that are lengthened by a hole in the surface are left out; False = they are kept, as in the
-    # paper, which relies on subsets of other anchors
+    # paper, which relies on the subsets of anchors whose distances are not lengthened
     trusted_only: bool = True
 
 
@@ -51,7 +54,7 @@ class GateConfig:
     # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
     # matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
-    # e_2, m per m of path to the anchor, for the geodesic noise that remains after smoothing
+    # e_2, m per m of path to the anchor, for the noise of geodesic distances that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
     # m, radius around the predicted place in which matches are searched; a hand at 3.6 m/s moves this far in 33 ms
     search_radius_m: Positive = 0.12
@@ -69,7 +72,7 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
     """Return S_A,m: all subsets with ``size`` of the found anchors, as rows of anchor indices in ascending order.
 
     found (5,) bool: anchors found in both frames. Return an int64 array (C(N_A, size), size). If fewer anchors than
-    ``size`` were found, one subset has all of them; without anchors the result is a (0, size) array.
+    ``size`` were found, the only subset has all found anchors; without anchors, the result is a (0, size) array.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -100,13 +103,14 @@ def match_hypotheses(
 ) -> Hypotheses:
     """Match every source node under every subset of anchors.
 
-    psi(v) is the set of target nodes whose descriptor distance from source node v, over the subset, is below
-    ``error_bound``. The match is the node of psi closest to the average position of psi. source_descriptor (m, 5),
-    target_descriptor (n, 5) float32 metres; NaN (missed anchor) and inf (unreachable) are never within the gate.
-    subsets (s, n_s): from ``anchor_subsets``. predicted_m (m, 3) world: the expected place of each source node in the
-    target frame; psi is then searched within ``search_radius_m`` of it, and a node whose prediction is NaN has no
-    match. Without predictions psi is searched on the whole surface, as in the paper, which is about four times slower.
-    Source: the paper, Section IV (error analysis) and Section V (track tree construction).
+    For a source node v, psi(v) is the set of target nodes with a similar descriptor: the Euclidean distance between
+    both descriptors, over the anchors of the subset, is below ``error_bound``. The match is the node of psi closest to
+    the average position of all nodes in psi. source_descriptor (m, 5), target_descriptor (n, 5) float32 metres; NaN
+    (missed anchor) and inf (unreachable) are never within the gate. subsets (s, n_s): from ``anchor_subsets``.
+    predicted_m (m, 3) world: the expected place of each source node in the target frame; psi is then searched within
+    ``search_radius_m`` of it, and a node whose prediction is NaN has no match. Without predictions psi is searched on
+    the whole surface, as in the paper, which is about four times slower. Source: the paper, Section IV (error analysis)
+    and Section V (track tree construction).
     """
     config = config or GateConfig()
     _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
@@ -127,7 +131,8 @@ def match_hypotheses(
 
 
 def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> Hypotheses:
-    """Match each node with the nearest node of the target within ``search_radius_m``; without one, the match is missed.
+    """Match each source node with the nearest target node within ``search_radius_m``; without such a node, the match is
+    missed.
 
     No anchors are used, so the only subset is empty.
     """

@@ -11,7 +11,7 @@ from anchorpose.body.nearest_skin import Voxels
 
 
 class Target(NamedTuple):
-    """Nodes that may be matched, sorted by voxels."""
+    """The nodes of the next frame that may be matched, sorted by the voxels (cubes of space) in which they lie."""
 
     points_m: np.ndarray  # (n, 3) float32
     distances: np.ndarray  # (n, 5) float32, distances to the anchors
@@ -165,7 +165,9 @@ def _lay_out(low: np.ndarray, high: np.ndarray, voxels: Voxels, target: np.ndarr
 def _compare(
     target: np.ndarray, distance: np.float32, largest: np.float32, bit: np.int32, close: np.ndarray, count: int
 ) -> None:
-    """Mark the target nodes whose distance to one anchor differs from the source node's by less than the gate."""
+    """Mark the target nodes whose distance to an anchor differs from the source node's distance to this anchor by less
+    than the gate.
+    """
     for c in range(count):
         offset = target[c] - distance
         close[c] |= bit if offset * offset < largest else np.int32(0)  # false for NaN
@@ -189,7 +191,7 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """Return the node of the set psi that is nearest to the average position of the set, -1 if it is empty."""
+    """Return the node of the set psi that is nearest to the average position of the set, -1 if the set is empty."""
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]

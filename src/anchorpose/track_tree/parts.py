@@ -1,4 +1,5 @@
-"""Register every body part separately, by ICP from the predicted pose, as in the paper (Section IV).
+"""Register every body part separately, by ICP (iterative closest point) from the predicted pose, as in the paper
+(Section IV).
 
 In all arrays of points, the rows of a part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
 (parts + 1,) int64.
@@ -23,8 +24,9 @@ from anchorpose.surface.surface import Nodes
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
-# m, the spacing of nodes. A pair's weight is halved at the median residual, but at least at this residual, since pairs
-# with smaller residuals fit equally well
+# m, minimum of the residual (distance between a pair's two places after the part's motion) at which a pair's weight is
+# halved. This residual is the median over the part's pairs, unless the median is smaller than the minimum. The value is
+# the spacing of nodes, since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
@@ -32,7 +34,8 @@ SURFACE_SIGMA_M: Final = 0.02
 # constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
-ALIKE: Final = 0.5  # minimum cosine (60 degrees) between normals of skin and node: excludes the far side of a limb
+# minimum cosine (60 degrees) between the normals of skin point and node; it excludes the far side of a limb
+ALIKE: Final = 0.5
 
 
 @njit(cache=True)
@@ -140,8 +143,8 @@ def plane_steps(
 
 @njit(cache=True)
 def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndarray) -> bool:
-    """Fill plane (4,) with a unit normal and the distance of skin point ``row`` from the plane; return False if the
-    normals of point and node differ too much.
+    """Fill plane (4,) with a unit normal and the distance of skin point ``row`` from the plane through the node; return
+    False if the normals of point and node differ too much.
     """
     alike, squared = 0.0, 0.0
     for axis in range(3):
@@ -235,7 +238,9 @@ def _refine(skin: Oriented, start: np.ndarray, surface: Nodes, transforms: np.nd
 
 
 def joints_of_parts(asset: BodyAsset, body: BodyMesh, T_world_rest: np.ndarray) -> np.ndarray:
-    """Return the joints (21, 3), metres, by the rule J: a joint is the mean of its places on the two parts it joins."""
+    """Return the joints (21, 3), metres, by the rule J: a joint is the mean of its places on the two parts that it
+    joins. The joints of the root bone and of the head have a single part.
+    """
     bones = joint_bones(asset)
     rest = body.rest_joints()
     places = []

@@ -1,7 +1,7 @@
-"""Search the track tree, for each node, for the branch that is nearest to the prediction (paper, Section IV).
+"""Search the track tree of each node for the branch that is nearest to the node's predicted places (paper, Section IV).
 
-A branch is a chain of hypotheses over N_Tr frames: it has one node per frame, and all of them may show the same place
-on the skin.
+A branch is a chain of hypotheses over N_Tr frames: until it ends, it has a node in each frame, and all its nodes may
+show the same place on the skin.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Support(IntEnum):
     """The kind of support for a node's place in the next frame."""
 
     MATCHED = 0  # the place is a hypothesis on the best branch
-    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from it
+    TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from the prediction
     NO_HYPOTHESIS = 2  # the place is the prediction, since no subset of anchors finds the node in the next frame
     UNKNOWN = 3  # the place is unknown, since a branch cannot be chosen without a prediction
 
@@ -42,7 +42,8 @@ class TrackResult:
     """The global hypothesis: the first match on the best branch of each source node."""
 
     match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
-    # (m,) float32 m, sum of the best branch's distances to the prediction (smaller is better); NaN without a prediction
+    # (m,) float32 m, cost of the best branch (smaller is better): sum of the distances to the prediction, of
+    # ``costs_m``, and of ``missed_cost_m`` for frames without a match; NaN without a prediction
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``
@@ -65,10 +66,10 @@ def best_branches(
     dissimilarity of the two nodes; None = nothing is added.
 
     A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
-    also end at this cost although its last node has children. The search is branch and bound: children are visited in
-    order of distance, and a branch is left as soon as it costs at least as much as the best branch so far. So the
-    optimum is exact unless the tree is pruned. Among branches with equal costs, the branch of the first subset is
-    taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
+    also end, at the same cost for each remaining level, although its last node has children. The search is branch and
+    bound: children are visited in order of distance, and a branch is left as soon as it costs at least as much as the
+    best branch so far. So the optimum is exact unless the tree is pruned. Among branches with equal costs, the branch
+    of the first subset is taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m

@@ -1,8 +1,9 @@
-"""Fit a rough body to every bystander and follow it, to compare each pixel with the predicted skin of every person.
+"""Fit a rough body to every bystander (person other than the patient) and follow this body over time. Each pixel can
+then be compared with the predicted skin of every person.
 
-A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always show
-whose forearm a pixel shows, and a wrong label persists in later frames. Fitted bodies can show whose forearm it is,
-since an arm is attached to only one person (paper, Section III, transient occlusion).
+A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always reveal
+to whose forearm a pixel belongs, and a wrong person label persists in later frames. Fitted bodies can reveal the owner
+of the forearm, since an arm is attached to only one person (paper, Section III, transient occlusion).
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ def nodes_of_pixels(
     cameras: Sequence[Camera],
     step: int = COARSE.step,
 ) -> Nodes:
-    """Return masked pixels of all cameras as nodes. Only every ``step``-th pixel of every ``step``-th row is used.
-    depths_m, masks (height, width): one per camera; None for a camera without a depth image.
+    """Return the pixels inside the masks of all cameras as surface nodes. Only every ``step``-th pixel of every
+    ``step``-th row is used. depths_m, masks (height, width): one per camera; None for a camera without a depth image.
     """
     sheets = []
     for number, (depth, mask, camera) in enumerate(zip(depths_m, masks, cameras, strict=True)):
@@ -66,27 +67,32 @@ ROUGHLY: Final = RegistrationConfig(
 )
 """Settings to fit a rough body: three registration steps, and a third as many nodes as for the patient's body."""
 
-# rate at which a bystander's predicted pose becomes uncertain: its sigma after 1 s, for each bone and for the pelvis
+# rate at which a bystander's predicted pose becomes uncertain: standard deviation of each bone's rotation and of the
+# pelvis's place that is added in 1 s
 WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
 TALLEST_CHILD_M: Final = 1.5  # m; a person who appears taller gets an adult's proportions, else a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-HEIGHT_SIGMA_M: Final = 0.01  # m, assumed error of a child's height; small, so that the fitted body gets this height
+# m, assumed error of a child's height; small, so that the child's body gets almost exactly the requested height
+HEIGHT_SIGMA_M: Final = 0.01
 # a fitted body is used only if at least this share of the person's surface nodes lies near the body
 LEAST_EXPLAINED: Final = 0.75
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
 # not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
-# maximum share of a limb's skin that a camera may see past; a body is rejected only if two limbs exceed it, since a
-# single limb may be misplaced on a correct body
+# maximum share of a limb's skin that a camera may see past (read something farther away). A body is rejected only if
+# two limbs exceed this share, since a single limb may be misplaced on a correct body
 MOST_LIMB_PAST: Final = 0.5
-LEAST_NODES: Final = 150  # minimum number of nodes to fit a body; a third of a person's front at 4 m has this many
+# minimum number of surface nodes to fit a body; a third of a person's front gives as many at a distance of 4 m
+LEAST_NODES: Final = 150
 SKIN_SIGMA_M: Final = 0.03  # m, sigma of a bystander's skin around its prediction, due to clothes, hair and body shape
-# m/s, growth of the skin's sigma with the time since the last fit, since a hand may move faster than predicted
+# m/s, growth of the sigma of a person's predicted skin with the time since the last fit; a hand may move faster than
+# predicted
 GROWTH_M_S: Final = 0.4
 # ratio of a predicted movement's velocity to the last movement's velocity; below 1, since movements slow down
 DAMPING: Final = 0.8
-FIRST_PAUSE, LONGEST_PAUSE = 15, 240  # frames between two attempts to fit a body; each failure doubles it
+# first and largest number of frames to wait after a failed attempt to fit a body; each failure doubles this number
+FIRST_PAUSE, LONGEST_PAUSE = 15, 240
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,13 +113,13 @@ class Search:
 
     label: int
     wait: int  # number of frames until fitting is tried again
-    pause: int  # number of frames to wait after the next attempt to fit a body, if it fails
+    pause: int  # number of frames to wait after the next attempt to fit a body, if this attempt fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bystanders:
-    """All bystanders of one frame: bystanders in ``followed`` have a fitted body, bystanders in ``searched`` have
-    none.
+    """All bystanders of one frame. Bystanders in ``followed`` have a fitted body; bystanders in ``searched`` do not
+    have a fitted body in this frame.
     """
 
     followed: tuple[Bystander, ...] = ()
@@ -158,7 +164,9 @@ def bystanders_placed(
 def first_bystanders(
     fitted: Mapping[int, RoughPerson | None], views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Bystanders:
-    """Return the bystanders of an initial frame. fitted: rough body or None of each person, by label."""
+    """Return the bystanders of an initial frame. fitted: the rough body of each person, by label; None for a person
+    without a rough body.
+    """
     now = each(
         lambda label: _begun(label, fitted[label], person_evidence(views, cameras, label)) or _failed(label),
         labels_of(views),
@@ -171,10 +179,10 @@ def follow_bystanders(
 ) -> Bystanders:
     """Return the bystanders of the next frame, from the pixels with each person's label.
 
-    If the last body does not fit the person's pixels, a new body is fitted. If no body fits, or if the person is
-    hidden, the last body keeps its place for ``MEMORY_S``. So a person who reappears at this place is recognised. The
-    body is dropped earlier if a camera sees past the body (reads something farther away). For a visible person without
-    a body, fitting is tried again after a pause.
+    If the body of the last frame does not fit the person's pixels, a new body is fitted. If no new body fits, or if the
+    person is hidden, the last body keeps its place for ``MEMORY_S``, so that a person who reappears at this place is
+    recognised. The body is dropped earlier if a camera sees past the body (reads something farther away). For a visible
+    person without a body, fitting is tried again after a pause.
     """
     known = {one.label: one for one in before.followed}
     searched = {search.label: search for search in before.searched}
@@ -221,7 +229,8 @@ def label_by_bodies(
 
 def _shown_skin(one: Bystander, views: Sequence[View | None], cameras: Sequence[Camera]) -> OwnershipLikelihood:
     """Return the likelihood that a place belongs to a person of an initial frame. Limbs that the person's own pixels do
-    not show are left out: their place is a guess, which proves nothing about other people's pixels at this place.
+    not show are left out: the place of such a limb is a guess, so it must not decide to whom pixels at this place
+    belong.
     """
     points, skin = body_points(), bystander_likelihood(Bystanders((one,)), body_points(), 0.0)
     shown = likelihood(one.body, one.belief.pose, person_evidence(views, cameras, one.label)).seen
@@ -244,9 +253,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used: often
-    a large part of it is the edge of an object that hides the body, not the edge of the body. If few pixels show the
-    person, a larger share of these pixels becomes nodes.
+    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used: a
+    large part of the outline is often the edge of an object that hides the body, not the edge of the body. If few
+    pixels show the person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -293,8 +302,8 @@ class RoughPerson(NamedTuple):
 
 def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughPerson | None:
     """Fit a body of average shape, with the stature that the pixels show, to the person with this label; return None if
-    too little of the person is seen. Of the facing that the descriptor shows and the opposite facing, the more probable
-    facing is kept.
+    too little of the person is seen or if no pose fits. The body is fitted twice: with the facing that the learnt
+    descriptor shows, and with the opposite facing. The more probable of the two poses is returned.
     """
     evidence, matches = person_evidence(views, cameras, label), matches_of(views, cameras, label)
     if len(evidence.surface) < LEAST_NODES or len(matches) < LEAST_MATCHES:
@@ -304,7 +313,7 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
     # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search is not
-    # shortened: after one round, a person who crouches is taken for one who faces the other way
+    # shortened: after a single round, a person who crouches would be taken for a person who faces the other way
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)

@@ -23,15 +23,16 @@ from anchorpose.surface.surface import SurfaceConfig
 from anchorpose.track_tree.hypotheses import GateConfig, HypothesisConfig
 from anchorpose.track_tree.tree import TreeConfig
 
-# m, limits of the height that a user may give. The body model does not cover other heights, and such a height was
-# probably given in a wrong unit
+# m, smallest and largest height of the patient that a user may give. The body model does not cover heights outside
+# these limits, and such heights were probably given in a wrong unit
 HEIGHTS_M: Final = (1.2, 2.2)
 
 
 class Method(StrEnum):
     """The method by which the pose of a frame is found."""
 
-    ARTICULATED = "articulated"  # all parts of the learnt body are registered together, linked by its joints
+    # all parts of the learnt body are fitted to the frame together, linked by the body's joints
+    ARTICULATED = "articulated"
     PARTS = "parts"  # the paper's method: each body part is registered separately, from one frame to the next
 
 
@@ -40,12 +41,20 @@ class FollowConfig:
     """Settings of how the patient is followed over time."""
 
     look_ahead: Count = 3  # number of later frames that the track tree spans: the tree's depth N_Tr (paper, Section V)
-    tree_nodes: Count = 800  # number of nodes that the track tree follows, about 40 per segment of the body
+    # maximum number of the patient's surface nodes that the track tree follows; about 40 for each segment of the body
+    tree_nodes: Count = 800
     history: Count = 12  # number of past frames kept for predicting the next pose (motion dynamics)
-    samples: Count = 16  # number of frames read before tracking, to learn the empty room and to choose the patient
-    lost_sigma_m: Positive = 0.25  # m, a forearm's length; a joint with a larger sigma (standard deviation) is lost
-    lost_after_s: Positive = 1.0  # s; if no frame shows the patient for longer, the patient is searched for again
-    # whether each bystander is followed with a fitted body; False = only each bystander's last seen skin is kept
+    # number of frames read before tracking, to learn the empty room and to choose the patient; three times as many if a
+    # camera has no image of the empty room
+    samples: Count = 16
+    # m, maximum sigma (standard deviation) of a joint's position; a joint with a larger sigma counts as lost. The value
+    # is the length of a forearm
+    lost_sigma_m: Positive = 0.25
+    # s, maximum time for which tracking goes on while no frame shows the patient; after this time, the patient is
+    # searched for again
+    lost_after_s: Positive = 1.0
+    # whether a body is fitted to each bystander (person other than the patient) and followed; False = only the last
+    # seen skin of each bystander is kept
     bystanders: bool = True
 
 
@@ -54,16 +63,18 @@ class TrackConfig:
     """All settings of a run, as saved in run.json."""
 
     method: Method = Method.ARTICULATED
-    start: int = 0  # first frame to track
-    stop: int | None = None  # frame before which tracking stops; None = the end of the recording
-    # whether to track backward, too, and combine both passes; takes twice the time of one pass, and is impossible live
+    start: int = 0  # position in the recording of the first frame to track
+    stop: int | None = None  # position of the frame before which tracking stops; None = the end of the recording
+    # whether to track backward, too, and to combine the forward and the backward pass. Two passes take twice the time
+    # of a single pass, and a backward pass is impossible during live tracking
     smooth: bool = False
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
     # m, patient's x and z on the floor; None = the patient is chosen automatically
     patient_xz_m: tuple[float, float] | None = None
     # number of the frame in which the patient is at patient_xz_m; None = the first frame with a person at this place
     patient_frame: int | None = None
-    motions: str | None = None  # file of reference movements; None = the file that ships with the package
+    # file of reference movements, by which the next poses are predicted; None = the file that ships with the package
+    motions: str | None = None
     clocks: ClockConfig = field(default_factory=ClockConfig)
     placing: PlacingConfig = field(default_factory=PlacingConfig)
     equipment_pose: EquipmentPoseConfig = field(default_factory=EquipmentPoseConfig)

@@ -69,10 +69,10 @@ class Earlier(NamedTuple):
 
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
-    # (PARTS, 2) s, time since the trunk's two parts and the limbs' halves (cut at elbow or knee) were last seen
+    # (PARTS, 2) s, time since each half of the trunk and of each limb was last seen; a limb is divided at elbow or knee
     unseen_s: np.ndarray | None = None
     seen_sigma_m: np.ndarray | None = None  # (21,) m, sigma of each joint when its part was last seen; NaN = never
-    shape: ShapeBelief | None = None  # as ``Run.shape``
+    shape: ShapeBelief | None = None  # belief in the patient's shape, as in ``Run.shape``
 
 
 _NOTHING_OPEN: Final = Earlier()
@@ -103,10 +103,12 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Estimate the registered body's joints (paper, rule J), their states from the depth images, and their sigma.
+    """Estimate the joints of the registered body (by rule J of the paper), the joints' states from the depth images,
+    and their sigma.
 
-    corrected: joints that a reviewer placed. If the images contradict a reviewer's place, the joint counts as hidden,
-    not as lost, and its sigma includes its distance from that place.
+    corrected: joints whose places a reviewer corrected. If cameras see past such a joint, the joint counts as hidden
+    instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place; if
+    sigma then exceeds ``lost_sigma_m``, the joint is lost all the same.
     """
     belief, evidence = registration.belief, observation.evidence
     posed = pose_points(body, belief.pose)
@@ -144,10 +146,12 @@ def estimate_of(
 def _frame_errors(
     body: Body, pose: Pose, evidence: Evidence, config: TrackConfig, earlier: Earlier, corrected: CorrectedJoints | None
 ) -> FrameErrors:
-    """Return the errors of the joints that follow from this frame alone.
+    """Return the variances of the joints' places that follow from this frame and from the uncertainty of the body's
+    shape.
 
-    The error that a joint had when its part was last seen is added to the error of a hidden joint. For the limbs of
-    corrected joints, the covariance of the pose alone counts: it contains the reviewer's places.
+    The variance of a hidden joint is increased by the variance that the joint had when its body part was last seen. For
+    all joints on the limbs of corrected joints, the variance ``pose`` is set to 0, since the covariance of the pose
+    already includes the reviewer's places.
     """
     found = frame_errors(body, pose, evidence, config.registration, unseen_s=earlier.unseen_s, shape=earlier.shape)
     variance = found.pose.copy()
@@ -169,8 +173,9 @@ def _sigma(
     frame: FrameErrors,
     rivals: Sequence[Rival],
 ) -> np.ndarray:
-    """Return the joints' sigma_m (21,) from the posterior of the pose and the frame's errors, increased by each error
-    that these do not include.
+    """Return the joints' sigma_m (21,) from the covariance of the pose and the errors of the frame. Sigma is then
+    increased for three errors that neither of them includes: another pose may be the true pose (``rivals``), limbs may
+    lie on seen skin that the body does not cover, and cameras may blur depth edges.
     """
     evidence = observation.evidence
     noise = noise_covariance(body, belief, evidence, config.registration)
@@ -186,7 +191,8 @@ def _as_placed(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, corrected: CorrectedJoints
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
     """Return the states and sigma_m (21,) of all joints. Joints that a reviewer placed get the state ``HIDDEN`` instead
-    of ``LOST``. Their sigma is large enough to cover their distance from the reviewer's place.
+    of ``LOST``. The sigma of these joints is large enough to cover the distance between the estimated place and the
+    reviewer's place.
     """
     placed, sigma_m = set(corrected.joint.tolist()), sigma_m.copy()
     away_m = np.linalg.norm(joints_m[corrected.joint] - corrected.position_m, axis=1)
@@ -200,7 +206,7 @@ def _as_placed(
 
 def displaced(estimate: Estimate, displaced_m: float) -> Estimate:
     """Return the estimate with sigma increased by the error of the camera poses. displaced_m: distance in metres by
-    which this error displaces the patient; its direction is unknown.
+    which this error displaces the patient; the direction of this displacement is unknown.
     """
     if not displaced_m:
         return estimate
@@ -236,7 +242,9 @@ def _states(
     poor: Sequence[PoorDepth | None],
     config: TrackConfig,
 ) -> tuple[JointState, ...]:
-    """Return the joint states; a joint seen only by cameras with too coarse depth counts as hidden, not as observed."""
+    """Return the joint states. A joint that is seen only by cameras whose depth is too coarse for limbs counts as
+    hidden, not as observed.
+    """
 
     def by(views: Sequence[View | None]) -> tuple[JointState, ...]:
         return joint_states(body.points, posed, explanation.covering, views, evidence.cameras, config.visibility)

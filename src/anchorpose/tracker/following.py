@@ -27,8 +27,8 @@ def follow_patient(run: Run, frames: Iterable[FrameSet], known: FittedShape | No
     """Yield an estimate for every frame, in order. All joints are lost until the patient is found; after a loss, the
     patient is searched for again.
 
-    frames: all frames, forward or backward in time; the first should be the initial frame (``Room.initial_frame``).
-    known: the learnt shape of the patient's body; None before learning.
+    frames: all frames, forward or backward in time; the first of these frames should be the recording's initial frame
+    (``Room.initial_frame``). known: the learnt shape of the patient's body; None before learning.
     """
     choice = run.room.initial_frame.choice if run.room.initial_frame else None
     for estimate, _ in follow_openly(run, frames, choice, known):
@@ -56,8 +56,8 @@ def follow_openly(
 
 class Follower:
     """The object that follows one patient, frame by frame. A follower can be stored between two frames
-    (``tracker.journal``). The arguments are those of ``follow_openly``; search: the search to continue, None if the
-    patient was not followed before.
+    (``tracker.journal``). The arguments have the same meaning as in ``follow_openly``; search: a search for a lost
+    patient that this follower continues; None if the patient was not followed before.
     """
 
     run: Run
@@ -65,7 +65,8 @@ class Follower:
     _choice: PatientChoice | None
     _known: FittedShape | None
     _begin: Start | None
-    _search: Search | None  # the search for a patient who was followed and lost; None before
+    # the search for a lost patient; None before the first loss and while the patient is followed
+    _search: Search | None
     _wait: int
     _pause: int
     _found: str
@@ -85,7 +86,7 @@ class Follower:
         self._wait, self._pause, self._found = 0, FIRST_PAUSE, run.room.why_nobody
 
     def step(self, frame_set: FrameSet) -> Iterator[Estimate]:
-        """Add a frame; yield the estimates of all frames whose look-ahead is now complete."""
+        """Add a frame; yield the estimates of all frames whose look-ahead (the next few frames) is now complete."""
         if self.tracker is not None:
             yield from self._follow(self.tracker, frame_set)
         else:
@@ -100,11 +101,15 @@ class Follower:
 
     @property
     def search(self) -> Search | None:
-        """Return the search for the patient from the last frame on; None if the patient was never found."""
+        """Return a search that looks for the patient in the frames after the last frame; None if the patient was never
+        found.
+        """
         return self._search if self.tracker is None else self.tracker.search()
 
     def finish(self) -> Iterator[Estimate]:
-        """Yield the estimates of the last frames; their look-ahead is shorter, since fewer later frames exist."""
+        """Yield the estimates of the last frames. The look-ahead of these frames is shorter, since fewer later frames
+        exist.
+        """
         if self.tracker is not None:
             yield from self.tracker.finish()
 

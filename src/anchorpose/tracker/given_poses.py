@@ -1,4 +1,5 @@
-"""Check the camera poses that a recording gives, before tracking, by the floor, the equipment and the other cameras.
+"""Check the camera poses that a recording states, before tracking begins. The floor, the equipment and the other
+cameras serve as references.
 
 If a contradiction is far larger than the noise of the depth images, the recording is refused. A smaller contradiction
 is noted, and increases the sigma of every joint. A single camera can be checked only by the floor and the equipment. If
@@ -23,7 +24,8 @@ from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet, Recording
 from anchorpose.tracker.pose_agreement import SOME_OF_ROOM, CameraPair, compare_cameras, doubt_of, seen_past
 
-# share of the error of one camera's pose by which joints are assumed to be displaced if several cameras see them
+# ratio of the assumed displacement of joints to the error of one camera's pose, for recordings with several cameras;
+# with a single camera, the ratio is 1
 AMONG_OTHERS: Final = 0.5
 REMEDY: Final = (
     "find the poses with 'anchorpose calibrate RECORDING --ignore-given' and track with --calibration, or correct "
@@ -37,8 +39,9 @@ MOVED: Final = "the cameras agree with each other, so it stands elsewhere than e
 class PosesAsked:
     """The results of checking all camera poses."""
 
-    pairs: tuple[CameraPair, ...]  # the comparison of every two cameras; empty if no pose is given
-    doubts: tuple[PoseDoubt, ...]  # everything that contradicts a camera pose
+    # one comparison per pair of cameras; empty for a single camera, and if no pose is given
+    pairs: tuple[CameraPair, ...]
+    doubts: tuple[PoseDoubt, ...]  # one doubt for each contradiction between a camera pose and what the cameras see
 
 
 def agreeing_poses(
@@ -58,10 +61,11 @@ def agreeing_poses(
 def ask_poses(
     recording: Recording, calibration: Calibration, clocks: Clocks, scenes: Sequence[Scene], samples: Sequence[FrameSet]
 ) -> PosesAsked:
-    """Return the results of checking all camera poses: doubts from the calibration, and contradictions between cameras.
+    """Return the results of checking all camera poses: the doubts that the calibration has noted, and the
+    contradictions between two cameras.
 
-    scenes: one per camera, with the poses that tracking uses; samples: frames of all cameras, on one clock. Poses that
-    were found instead of given are checked in ``calibration``.
+    scenes: one per camera, with the poses that tracking uses; samples: frames of all cameras, on one clock. Camera
+    poses that were computed instead of given have already been checked in ``calibration``.
     """
     found = calibration.doubts
     if len(scenes) < 2 or not any(pose.source is PoseSource.GIVEN for pose in calibration.poses):
@@ -75,9 +79,9 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Return a doubt about a camera pose unchanged if the equipment did not raise it. Otherwise return it as a mere
-    note, which neither refuses the recording nor increases sigma. Call this function only if all cameras agree with
-    each other: the equipment was then moved, not a camera.
+    """Return a doubt about a camera pose. If a comparison with the equipment raised the doubt, it becomes a mere note,
+    which neither refuses the recording nor increases sigma; any other doubt is returned unchanged. Call this function
+    only if all cameras agree with each other, since the equipment was then moved, not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt
@@ -85,8 +89,8 @@ def _excused(doubt: PoseDoubt) -> PoseDoubt:
 
 
 def _refuse_contradicted(recording: Recording, asked: PosesAsked, scenes: Sequence[Scene]) -> None:
-    """Raise InputError if a contradiction between camera poses is far larger than the noise. The error states the
-    contradiction, its size and a remedy.
+    """Raise InputError if a contradiction between camera poses is far larger than noise can explain. The error states
+    the contradiction, its size and a remedy.
     """
     refuted = [doubt for doubt in asked.doubts if doubt.refuted]
     if not refuted:
@@ -110,8 +114,8 @@ def remedy_of(doubt: PoseDoubt) -> str:
 
 
 def exchanged_cameras(scenes: Sequence[Scene]) -> tuple[str, str] | None:
-    """Return the names of two cameras that were probably exchanged; None without such cameras. If each of them gets the
-    pose and lens of the other camera, the depth images of all cameras show the same room.
+    """Return the names of two cameras that were probably exchanged; None without such cameras. Two cameras count as
+    exchanged if the depth images of all cameras show the same room once these two have swapped their poses and lenses.
     """
     for a, b in combinations(range(len(scenes)), 2):
         first, second = scenes[a].camera, scenes[b].camera

@@ -1,4 +1,5 @@
-"""Choose the frame in which tracking begins: the frame that shows the patient best and that a body fits well.
+"""Choose the frame in which tracking begins: a frame that shows the patient well, and in which a body can be fitted
+well to the patient.
 
 In some frames, a therapist who holds the patient is mistaken for a part of the patient. In these frames, no body fits
 all pixels with the patient's label, so another frame is preferred.
@@ -30,17 +31,20 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import SeenPerson, Sighting
 from anchorpose.tracker.start import NoStart, find_start, quality
 
-CROWDED_M: Final = 1.0  # m, arm plus half a trunk; a frame scores less if another person is this close to the patient
-MERGED: Final = 0.5  # factor on the score of a frame with fewer people than usual: two people may be taken for one
-# if a body fits a frame so well (``best_of``), no other frame is tried; 0.95 to 1 for a patient alone, 0.7 with a
-# therapist's arm
+# m, an arm's length plus half a trunk; a frame scores less if another person is closer to the patient than this
+CROWDED_M: Final = 1.0
+# factor on the score of a frame with fewer people than the median over all frames that show the patient, since two
+# people may have been taken for a single person
+MERGED: Final = 0.5
+# minimum fit of a body (``best_of``), 0 to 1. If a frame reaches this minimum and ``WHOLE``, no other frame is tried.
+# The fit is 0.95 to 1 for a patient alone, and 0.7 if a therapist's arm has the patient's label
 WELL: Final = 0.92
-# if no other frame is to be tried after a frame, its ``InitialFrame.whole`` must be at least this, since any pose fits
-# a narrow strip
+# minimum visible area of the patient, as a share of the usual area (``InitialFrame.whole``), for which no other frame
+# is tried. It is needed besides ``WELL``, since any pose fits a frame that shows only a narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# share of the time span of all candidate frames. A frame whose distance from a tried frame is smaller scores less,
-# since it would probably fail for the same reason
+# share of the span from the first to the last candidate frame. A frame that is nearer than this to a tried frame scores
+# less, since it would probably fail for the same reason
 APART: Final = 0.25
 
 
@@ -92,8 +96,8 @@ def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
 
 
 def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: float) -> InitialFrame:
-    """Return a frame in which tracking may begin, with its score. More surface than the patient's usual area does not
-    raise the score: it may belong to a person who touches the patient.
+    """Return a frame in which tracking may begin, with its score. A visible area above the patient's usual area does
+    not raise the score: the additional surface may belong to a person who touches the patient.
     """
     one, sighting = shown.patient, shown.sighting
     people = sighting.people
@@ -141,8 +145,8 @@ def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> flo
 def best_of(
     candidates: Sequence[InitialFrame], explained: Callable[[InitialFrame], tuple[float, float]]
 ) -> InitialFrame:
-    """Return the first frame that shows the whole patient and that a body fits well. If no tried frame does, return the
-    frame with the most probable body.
+    """Return the first tried frame that shows the whole patient and in which a body fits the patient well. If no tried
+    frame meets both conditions, return the frame with the most probable body.
 
     explained: function that returns two values for a frame: how well a body fits the patient, 0 to 1, and the body's
     log probability in nats, minus a penalty for surface far from the body. A body with the wrong facing lies near as

@@ -1,4 +1,4 @@
-"""Run one frame through all stages, as ``track`` does, and keep every intermediate result."""
+"""Run a single frame through all stages, as the command ``track`` does, and keep every intermediate result."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ from anchorpose.tracker.sighting import sight_people
 # maximum number of frames from the recording's initial frame to the inspected frame; tracking so many frames takes
 # about 30 s. If the initial frame is farther away, tracking starts at a nearer frame
 MOST_FOLLOWED = 60
-# number of frames before the inspected frame in which tracking may start, and how many of these are examined
+# number of frames next to the inspected frame, on the side of the recording's initial frame, in which tracking may
+# start; and the number of these frames that are examined
 NEARBY, NEARBY_SAMPLES = 45, 10
 
 
@@ -54,7 +55,7 @@ class Inspection:
     observation: Observation | None  # results of the stages before registration; None if no patient was searched for
     estimate: Estimate | None  # None if the patient was not found
     next: Next | None  # None if the recording ends here or the patient was not found
-    height_m: float  # m, the patient's height; the expected distances between anchors grow with it
+    height_m: float  # m, the patient's height; the expected distances between anchors are proportional to this height
     account: tuple[str, ...]  # sentences for the user about the steps taken and the reasons for missing results
 
 
@@ -108,10 +109,10 @@ def inspect_frame(
     """Return the results of all stages for the frame with this number.
 
     as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. Learning and following
-    take as long as ``track`` does, and give exactly the joints of ``track``. Otherwise, tracking starts at a nearby
-    frame, with a first guess of the body. config.patient_xz_m: place of the patient in the initial frame if as_tracked,
-    otherwise in the inspected frame. tick: function that is called for every frame that is read. Raises InputError if
-    the recording has no frame with this number.
+    take as long as ``track`` does, and give exactly the joints of ``track``. If ``as_tracked`` is False, tracking
+    starts at a nearby frame, with a first guess of the body. config.patient_xz_m: place of the patient in the initial
+    frame if as_tracked, otherwise in the inspected frame. tick: function that is called for every frame that is read.
+    Raises InputError if the recording has no frame with this number.
     """
     position, room = position_of(recording, frame), prepare_room(recording, config)
     run = Run(room, config, load_motions(config.motion_file, recording.rate_hz, config.motion))
@@ -149,8 +150,8 @@ def _as_tracked(route: Route, position: int, run: Run) -> tuple[_Reached | None,
 
 
 def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None, tuple[str, ...]]:
-    """Track as ``track`` does, but from a nearby frame and with a first guess of the body; also return sentences on
-    these steps.
+    """Track as ``track`` does, but from a nearby frame and with a first guess of the body. Also return sentences for
+    the user about these steps.
     """
     for initial in _initial_frames_nearby(route, position, run.room, run.config):
         reached = _follow(route, initial, position, None, run)
@@ -169,8 +170,9 @@ def _from_nearby(route: Route, position: int, run: Run) -> tuple[_Reached | None
 
 def _initial_frames_nearby(route: Route, position: int, room: Room, config: TrackConfig) -> list[InitialFrame]:
     """Return the frames where tracking may start, in the order in which they are tried. The recording's initial frame
-    comes first if it is near, otherwise the best frame before the inspected frame. The inspected frame comes last. If
-    the user gave the patient's place, only the inspected frame is returned.
+    comes first if it is near. Otherwise, the best of some frames near the inspected frame comes first; these frames lie
+    on the side of the recording's initial frame. The inspected frame comes last. If the user gave the patient's place,
+    only the inspected frame is returned.
     """
     here = _choose(route, [position], room, config)
     if config.patient_xz_m is not None or room.initial_frame is None:

@@ -8,7 +8,8 @@ value, and a container as a list. Any other value is a JSON object with one key:
 - ``{"Pose": {"root_m": ...}}`` is an object of the class Pose;
 - ``{"again": 3}`` refers to an object that occurs earlier in this value: the fourth object (number 3);
 - ``{"shared": "run"}`` is an object that is not stored, since the reader already has it under the name ``run``;
-- ``{"array": 5}`` is the sixth array after the tree; the keys ``number`` and ``bytes`` mark a numpy scalar and bytes.
+- ``{"array": 5}`` is the sixth of the arrays that are stored after the JSON tree; the keys ``number`` and ``bytes``
+  mark a numpy scalar and bytes.
 
 An object or array that occurs twice in a value is also a single object or array after reading. A container that occurs
 twice becomes two containers.
@@ -42,9 +43,11 @@ from anchorpose.recording.document import parse_json
 from anchorpose.recording.regular_file import LARGEST_ARRAYS, is_there, read_whole
 from anchorpose.results.folder import naming_place
 
-NUMBERS: Final = "biuf"  # allowed kinds of dtype: boolean, integers, floats
+NUMBERS: Final = "biuf"  # allowed kinds of a stored array's dtype: boolean, integers, floats
 ALSO: Final = {float: (int, np.floating, np.integer), int: (np.integer,), bool: (np.bool_,)}
-"""Types that a value may have besides the declared type of its field; type checkers accept these types, too."""
+"""Types that a stored value may have besides the declared type of its field. Type checkers accept values of these types
+for such a field, too.
+"""
 
 
 def write_value(stream: BytesIO, value: object, shared: Mapping[str, object]) -> None:
@@ -88,7 +91,7 @@ class _Writer:
         if value is None or type(value) in (bool, int, float, str):
             return value
         if isinstance(value, Enum):
-            return value.value  # a field with a number or a text as its type may hold a member of an enumeration
+            return value.value  # a field that is declared as a number or text may hold a member of an enumeration
         if isinstance(value, dict):
             return [[self.node(key), self.node(item)] for key, item in value.items()]
         if isinstance(value, deque):
@@ -204,7 +207,8 @@ COUNT: Final = "count"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Journal:
-    """A folder of stored values by name; each file is either complete or absent, and is checked when it is read.
+    """A folder with one file for each stored value; the file's name is the value's name. Each file is either complete
+    or absent, and is checked when it is read.
 
     Reading runs no code from the file. shared: objects of the run by name; a resumed run creates them again, so only
     their names are stored.
@@ -214,7 +218,7 @@ class Journal:
     shared: Mapping[str, object] = field(default_factory=dict)
 
     def inside(self, name: str) -> Journal:
-        """Return the journal in a subfolder of this one."""
+        """Return the journal in a subfolder of this journal's folder; the subfolder is made if it is missing."""
         folder = self.folder / name
         try:
             folder.mkdir(exist_ok=True)
@@ -294,7 +298,9 @@ class Journal:
 
 
 class Blocks(Generic[Item]):
-    """The frames of one pass in order, several per file (a block); only one file's frames are in memory at a time."""
+    """The frames of one pass, in order. A file (block) holds several frames, and only the frames of a single file are
+    in memory at a time.
+    """
 
     def __init__(self, journal: Journal, kind: Any) -> None:
         """Use ``kind`` as the type of a stored frame."""
@@ -315,8 +321,8 @@ class Blocks(Generic[Item]):
         self._journal.write(_block_name(number), items)
 
     def write_count(self, count: int) -> None:
-        """Store the number of blocks, so that a lost last block is noticed. Call this method if nothing else stores the
-        number.
+        """Store the number of blocks, so that a loss of the last block is noticed. Call this method unless the number
+        of blocks is stored elsewhere.
         """
         self._journal.write(COUNT, count)
 

@@ -1,4 +1,6 @@
-"""Learn the patient's body on a first pass over the recording."""
+"""Learn the shape of the patient's body on a first pass over the recording, before the frames are tracked for the
+results.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ from anchorpose.tracker.prior_shape import contradiction, known_beliefs, likelie
 from anchorpose.tracker.room import Room, Run
 from anchorpose.tracker.start import LEAST_EXPLAINED, Facing, start_turned
 
-# number of frames that are kept per frame that learning uses; learning selects frames whose poses differ most
+# ratio of the number of frames kept from a window to the number of frames that learning uses; from the kept frames,
+# learning selects the frames whose poses differ most
 CANDIDATES: Final = 2
 
 
@@ -56,7 +59,9 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherFacing:
-    """The less likely of two opposite facings in the first frame that learning used, with the body learnt for it."""
+    """The less likely of two opposite facings in the first frame that learning used, with the pose and the body learnt
+    for this facing.
+    """
 
     pose: Pose
     shape: FittedShape
@@ -89,8 +94,8 @@ class LearntPatient:
         return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
 
     def where_found(self, room: Room) -> Room:
-        """Return the room with the first frame that learning used as the initial frame. It differs from the room's
-        initial frame if the patient could not be found there.
+        """Return the room with the first frame that learning used as the initial frame. This frame differs from the
+        room's initial frame if the patient could not be found in the latter.
         """
         initial, number = room.initial_frame, room.recording.streams[0].frame
         if initial is None or number[initial.frame] == self.frame:
@@ -117,10 +122,10 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
     """Learn the patient's shape; return None if the patient is never found.
 
     Each stretch is followed for an equal share of ``learning.longest_s``; in the first stretch, this time begins when
-    the patient is found. Meanwhile, tracking uses the shape learnt so far, and each window of frames refines this
-    shape. To save memory, only the frames of the latest window and of the longest window of each stretch are kept, for
-    each of two opposite facings. At the end, bodies of other heights are fitted to the longest windows, except if the
-    user stated a height and the images agree with it.
+    the patient is found. Tracking uses the shape learnt so far, and each window (a group of successive frames) refines
+    this shape. To save memory, only two windows of a stretch are kept (in the first stretch, for each of two opposite
+    facings): the latest window, and the window with most frames. At the end, bodies of other heights are fitted to the
+    windows with most frames, except if the user stated a height and the images agree with it.
     """
     learnt, longest = None, list[_Seen]()
     for stretch in stretches:
@@ -131,8 +136,8 @@ def learn_patient(run: Run, stretches: Sequence[Stretch]) -> LearntPatient | Non
 
 
 def _of_all_statures(learnt: LearntPatient, kept: Sequence[_Seen], run: Run) -> ShapeBelief:
-    """Return the belief in the learnt shape with other statures included; unchanged if the height is stated and not
-    contradicted, or if the settings leave learning out.
+    """Return the belief in the learnt shape, with an uncertainty that includes other statures. The belief is unchanged
+    if the user stated a height that the images do not contradict, or if the settings leave learning out.
     """
     subject = run.room.recording.subject.unmeasured if learnt.contradiction else run.room.recording.subject
     if subject.height_m is not None or not run.config.learning.own_shape:
@@ -212,7 +217,8 @@ def _last(learning: _Learning) -> _Step:
 
 def likelier(one: _Learning, other: _Learning, run: Run) -> _Step:
     """Learn with both facings of the patient until one is clearly more probable; return the patient learnt with this
-    facing, and the window with most frames. If the stretch does not decide, the result also contains the other facing.
+    facing, and the window with most frames. If the stretch does not decide between the facings, the result also
+    contains the other facing.
 
     A single frame may show too little to decide which way the patient faces. Over several windows of frames, a wrong
     facing becomes evident: no body of human shape fits all windows, or the person seems to turn round at some time.
@@ -250,7 +256,8 @@ def _compared(one: _Learning, other: _Learning, run: Run) -> tuple[float, _Step,
 
 def window_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     """Return the log probability, in nats, of the body learnt so far. It is the sum of the mean log probability of a
-    window's frames and the log probability of the shape among people. Clothes and misplaced limbs cause errors of both.
+    window's frames and the log probability of the shape among people. Clothes and misplaced limbs cause errors of both
+    log probabilities.
     """
     chosen = most_different(body_points(), [seen.pose for seen in window.kept], run.config.learning.frame_count)
     nats = frames_nats(learnt.shape, _posed([window.kept[place] for place in chosen]), run.config)
@@ -263,7 +270,7 @@ def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     """Return the log probability, in nats, of the body's facing in this window, plus that of the learnt shape given the
-    user's statements about the patient. Errors of the images do not affect either of them.
+    user's statements about the patient. Errors of the images do not affect either of these two log probabilities.
     """
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
@@ -277,7 +284,8 @@ def _windows(
 ) -> Iterator[_Window]:
     """Track a stretch, and yield its frames in windows. Tracking continues only when the next window is requested.
 
-    one_facing: whether to end where the tracked body turns round; another pass tracks the frames from there on.
+    one_facing: whether to end in the frame in which the tracked body turns round; another pass, with the opposite
+    facing, tracks the frames from there on.
     """
     learning = run.config.learning
     interval_s = learning.window_s / learning.frame_count / CANDIDATES
@@ -332,7 +340,7 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the patient with the unchanged body of the first pose, for settings without learning."""
+    """Return the patient with the body of the first pose, unchanged, for settings that leave learning out."""
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
@@ -370,7 +378,9 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
-        if why:  # perhaps only the height contradicts, and images hardly show it, so other statures are tried
+        # perhaps only the learnt height contradicts the statements; images show a height poorly, so the contradiction
+        # counts only if it remains after other statures were included
+        if why:
             why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief
     return LearntPatient(belief, belief, seconds, kept[0].pose, window.frame, why)

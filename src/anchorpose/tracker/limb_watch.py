@@ -18,14 +18,15 @@ from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.tracker.observation import Observation, is_described
 from anchorpose.tracker.room import Run
 
-# frames between two searches, since a search takes as long as tracking three frames; each search without a result
-# doubles the pause, up to 16 frames
+# first and largest number of frames to wait after a search for limbs without a result, since a search takes as long as
+# tracking three frames; each such search doubles this number
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). Below it, the descriptor
-# assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
+# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If the sum is below this
+# limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
 # (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
-# the pause between searches ends if the uncovered area has grown by this factor since the last search
+# factor; the pause between searches ends early if the area of visible skin that the body does not cover has grown by
+# this factor since the last search without a result
 MORE: Final = 1.5
 # m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The limit is large, since
 # the surface of an arm ends at wrist or elbow if a bar hides the hand

@@ -45,7 +45,9 @@ class Mirror:
     shown: int  # number of frames that show both a person beyond the gap and the place where the twin would be
 
     def is_in(self, other: Mirror) -> bool:
-        """Return whether both mirrors are the same gap; a gap is found twice if its wall was taken for two planes."""
+        """Return whether both mirrors are the same gap. A gap is found twice if the wall around it was mistaken for two
+        planes.
+        """
         return self.scene == other.scene and bool((self.gap & other.gap).any())
 
     @property
@@ -98,8 +100,8 @@ def through_a_gap(choice: PatientChoice, sightings: Sequence[Sighting], scenes: 
 
 
 def _gap_before(one: SeenPerson, wall: Wall) -> np.ndarray | None:
-    """Return the gap (height, width, bool) in a wall through which a person is seen; None if the person is in front of
-    the wall.
+    """Return the gap in a wall through which a person is seen, as pixels (height, width) bool. Return None if the
+    person is not clearly beyond the wall, or is not seen through a gap.
     """
     middle = _middle(one)
     return wall.gap_before(middle) if wall.beyond_m(middle) > TWIN_M else None
@@ -143,7 +145,9 @@ def _has_twin(image: SeenPerson, sighting: Sighting, wall: Wall, cameras: Sequen
 
 
 def _middle(one: SeenPerson) -> np.ndarray:
-    """Return the point (3,) above a person's place on the ground, at half the height of the seen surface."""
+    """Return the point (3,) above a person's place on the ground, halfway between the lowest and the highest seen
+    surface.
+    """
     person = one.person
     return np.array([person.ground_xz_m[0], (person.bottom_m + person.top_m) / 2.0, person.ground_xz_m[1]])
 

@@ -1,11 +1,12 @@
-"""Track backward, against the direction of the pass, from a frame in which a limb or the patient was found again.
+"""Track back, against the direction of a pass, from a frame in which a limb or the patient was found again.
 
 A limb or patient that is found again was often in view in earlier frames already, but not at the predicted place. So
 the patient is tracked back from the frame in which the limb or patient was found again. Tracking back ends when both
 directions agree, or when it shows no more of the body than the pass did. Each frame is then taken from the direction
-that has more joints at places where cameras see the body. But if cameras see a trunk at the place of each direction in
-one frame, and the places differ, the trunks belong to two people. The pass has followed the patient from the initial
-frame, so the person who was found again is not the patient. No frame is then replaced.
+that has more joints at places where cameras see the body. After a loss of the patient, however, the two directions may
+follow two people. This is the case if the two trunks are at different places in most of the frames in which cameras see
+both trunks. The pass has followed the patient from the initial frame, so the person who was found again is then not the
+patient, and no frame is replaced.
 """
 
 from __future__ import annotations
@@ -29,9 +30,12 @@ from anchorpose.tracker.start import turn_round
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
 # tracking back stops after this many successive frames in which it shows no more of the body than the pass did
 IN_VAIN: Final = 10
-ELSEWHERE_M: Final = 0.15  # m; if a joint jumps farther than this between two frames, its limb counts as found again
+# m; if limbs were found in another place than expected and a joint jumps farther than this between two frames, a limb
+# counts as found again
+ELSEWHERE_M: Final = 0.15
 TRUNK: Final = JOINT_INDEX["SpineMid"]
-# frames between two attempts to track back; an attempt that changes no frame doubles the pause, up to LONGEST_PAUSE
+# number of frames between two attempts to track back: FIRST_PAUSE after an attempt that changed a frame; each attempt
+# that changes no frame doubles the number, up to LONGEST_PAUSE
 FIRST_PAUSE, LONGEST_PAUSE = 4, 64
 
 
@@ -50,7 +54,8 @@ class Waiting:
 
     frames: list[Passed] = field(default_factory=list)
     wait: int = 0  # number of frames until tracking back is allowed again
-    pause: int = FIRST_PAUSE  # number of frames to wait after the next attempt to track back
+    # number of frames to wait after the last attempt to track back; the next attempt doubles or resets it
+    pause: int = FIRST_PAUSE
 
     def add(
         self,

@@ -22,17 +22,20 @@ from anchorpose.surface.surface import ExpectedSkin, Surface
 from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
-# minimum number of a node's distances to anchors that must remain if the distances lengthened by a hole in the surface
-# are left out. Three distances identify a node (paper, Section IV-D), and four allow four choices of three
+# minimum number of a node's distances to anchors that must remain after the distances lengthened by a hole in the
+# surface are left out; with fewer, all distances of the node are kept. Three distances identify a node (paper, Section
+# IV-D), and four distances allow four choices of three
 LEAST_TRUSTED = 4
-# number of frames between two checks by the learnt descriptor; a check takes a third of the time for tracking a frame
+# number of frames from a check by the learnt descriptor to the next check; a check takes a third of the time for
+# tracking a frame
 DESCRIBED_EVERY: Final = 8
 
 
 def is_described(frame_set: FrameSet) -> bool:
-    """Return whether the learnt descriptor checks this frame; only its position in the recording decides, since numbers
-    of images may leave out every multiple of ``DESCRIBED_EVERY``. A check has two parts: it compares the limbs to which
-    descriptor and pose assign skin, and it searches the patient's pixels for several people.
+    """Return whether the learnt descriptor checks this frame. The frame's position in the recording decides; the
+    frame's number decides only if the position is unknown, since the numbers of a recording's images may leave out
+    every multiple of ``DESCRIBED_EVERY``. A check has two parts: it compares the limbs to which descriptor and pose
+    assign skin, and it searches the patient's pixels for several people.
     """
     place = frame_set.frame if frame_set.position is None else frame_set.position
     return place % DESCRIBED_EVERY == 0
@@ -148,7 +151,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """The first frame of a track: its observation, and the body with its pose."""
+    """The frame in which tracking begins: its observation, and the body with its pose."""
 
     observation: Observation
     shape: FittedShape

@@ -21,11 +21,11 @@ from anchorpose.tracker.sighting import see_people_apart
 # m; a pixel farther than this from the predicted skin counts as off the skin; an arm moves at most this far between two
 # frames
 OFF_SKIN_M: Final = 0.2
-# a found person of small surface is only a part of the patient, mistaken for a person by the descriptor, if at least
-# this share of its pixels lies on the patient's predicted skin
+# minimum share of pixels on the patient's predicted skin. A found person with small surface who has this share counts
+# as a part of the patient, which the descriptor mistook for a separate person
 OWN_SHARE: Final = 0.5
-# two people of whom each has at least this share of pixels on the patient's predicted skin are one person: a body that
-# was fitted to two people by mistake covers about half of each
+# minimum share of pixels on the patient's predicted skin. Two found people are a single person if both have this share.
+# A body that was fitted to two people by mistake covers only about half of each person
 ONE_BODY_SHARE: Final = 0.75
 
 
@@ -42,11 +42,12 @@ def one_patient(
 
     Other people are searched for if many of the patient's pixels lie off the patient's predicted skin. They are also
     searched for whenever a check is ``due``, since the predicted skin does not reveal a body that was fitted to another
-    person by mistake. If the descriptor takes one person for two, fitted rough bodies show it (``see_people_apart``).
-    The patient is the person with most surface near the predicted place. Every other person who shows enough surface
-    gets a new label. A person of smaller surface gets a new label only if many of the patient's pixels, and most of
-    this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin without uncertain
-    points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused label.
+    person by mistake. If the descriptor takes a single person for two people, fitted rough bodies correct this error
+    (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
+    shows enough surface gets a new label. A person of smaller surface gets a new label only if many of the patient's
+    pixels, and most of this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin
+    without uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused
+    label.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -127,7 +128,7 @@ def _share_on_skin(theirs: Sequence[Pieces | None], people: People, skin: cKDTre
 
 
 def _near(skin: cKDTree | None, points_m: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return (n,) bool: points at most ``reach_m`` from the skin; all False if there is no skin."""
+    """Return (n,) bool: points at most ``reach_m`` from the skin; all False if ``skin`` is None."""
     if skin is None:
         return np.zeros(len(points_m), dtype=bool)
     return np.asarray(np.isfinite(skin.query(points_m, distance_upper_bound=reach_m)[0]))

@@ -1,9 +1,9 @@
 """Fit taller and shorter bodies to the frames from which the body was learnt, and include them in the belief in the
 shape.
 
-Gauss-Newton steps end in the minimum nearest to their start, and the covariance at this minimum does not include other
-minima. If the feet are cut off or inside wide trousers, as they often are, bodies 10 % taller or shorter explain the
-images equally well.
+Learning takes Gauss-Newton steps. These steps end in the minimum of the cost that is nearest to their start, and the
+covariance at this minimum does not include other minima. If the feet are cut off or inside wide trousers, as they often
+are, bodies 10 % taller or shorter explain the images equally well.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def with_other_statures(
 
     Each other stature is weighted by its odds. The log odds are the log probability of its shape plus the mean log
     probability of the frames, minus the same sum for the learnt shape. ``believed`` reduces the log odds, since clothes
-    cause errors of both sums. known: the belief before any frame; subject: what the user stated. Half as many frames
-    are used as for learning: the frames whose poses differ most.
+    cause errors of both sums. known: the belief in the shape before any frame was used; subject: the user's statements
+    about the patient. Half as many frames are used as for learning: the frames whose poses differ most.
     """
     chosen = most_different(body_points(), [frame.pose for frame in frames], config.learning.frame_count // 2)
     some = [frames[number] for number in chosen]

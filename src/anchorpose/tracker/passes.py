@@ -69,9 +69,10 @@ class Route:
         return without_other_places(read_frame(self.room.recording, position), self.room.scenes)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the stretches of the recording to learn the body from. One begins at the initial frame. Up to two
-        further stretches begin at the frames that show the patient best. These frames are over a minute away from the
-        initial frame and from each other. A body part that is hidden in one stretch may be in view in another.
+        """Return the stretches (parts of the recording) from which the body is learnt. The first stretch begins at the
+        initial frame. Up to two further stretches begin at the frames that show the patient best. These frames are more
+        than a minute away from the initial frame and from each other. A body part that is hidden in one stretch may be
+        in view in another.
         """
         chosen = list(self.room.initial_frames[:1])
         for other in self.room.initial_frames[1:]:
@@ -118,10 +119,10 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 
 
 def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
-    """Track all frames as soon as the first is requested, then yield them in the order of time.
+    """Track all frames as soon as the first result is requested, then yield the results in the order of time.
 
-    Every block is stored in the journal; if the journal has frames already, tracking continues after them. If it cannot
-    continue, InputError is raised before the first frame is requested.
+    Every block is stored in the journal; if the journal has frames already, tracking continues after them. If tracking
+    cannot continue, InputError is raised before the first result is requested.
     """
     passes = _Passes(route, run, learnt, None if learnt is None else build_body(body_points(), learnt.shape), journal)
     passes.require_readable()
@@ -145,7 +146,9 @@ class _PassState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Passes:
-    """The passes over both sides of the initial frame (earlier, later frames); each has a folder in the journal."""
+    """The passes over both sides of the initial frame (earlier and later frames); each pass has a folder in the
+    journal.
+    """
 
     route: Route
     run: Run
@@ -227,8 +230,8 @@ class _Passes:
         frame_set: FrameSet,
         smoothing: Smoothing,
     ) -> TrackedFrame:
-        """Return a frame with the result of both passes. Labels, contacts and anchors depend on the place of the body,
-        so they are taken from the pass whose trunk is reported.
+        """Return a frame with the combined result of both passes. Labels, contacts and anchors depend on the place of
+        the body, so they are taken from the pass whose trunk is reported.
         """
         if self.body is None:
             raise ValueError("passes can only be combined if a body was learnt")
@@ -300,8 +303,8 @@ class _Passes:
         return Follower(self.run, None if initial is None else initial.choice, self._shape, start)
 
     def _follower_back(self, turned: Start | Search | None) -> Follower:
-        """Return the follower of a pass back. A patient who is lost where the pass back begins is searched for as after
-        any loss, so that no other person is mistaken for the patient.
+        """Return the follower of a pass back. If the patient is lost in the frame in which the pass back begins, the
+        patient is searched for as after any loss, so that no other person is mistaken for the patient.
         """
         if isinstance(turned, Start):
             return Follower(self.run, None, self._shape, turned)

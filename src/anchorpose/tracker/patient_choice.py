@@ -21,7 +21,8 @@ from anchorpose.rotations import unit
 from anchorpose.tracker.bystanders import MOST_TRUNK_PAST
 from anchorpose.tracker.sighting import RoughBody, SeenPerson, Sighting
 
-# m; a person this close to a known person's usual place is the same person, who may have stepped or stood up
+# m; a person who is closer than this to the usual place of a known person is the same person, who may have stepped
+# aside or stood up
 STAYS_M: Final = 0.40
 # m; two people whose usual places are closer together than this are one person. The value is half of the minimum
 # distance between the pelvises of two people
@@ -36,7 +37,9 @@ HELP_M: Final = 1.2  # m, maximum distance between the pelvises of helper and pa
 FACES: Final = 0.7  # minimum cosine between a helper's heading and the direction to the patient: 45 degrees
 ASIDE_M: Final = 0.4  # m; a person this far from the cameras' axes loses ln 2 votes (0.7); users aim cameras by eye
 OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 votes (0.7); patients may lean out
-SURE: Final = 1.0  # minimum lead in votes for a sure choice: odds of three to one if votes are log likelihoods
+# minimum difference in votes between patient and next person for a sure choice; it means odds of three to one if votes
+# are log likelihoods
+SURE: Final = 1.0
 # number that is added to the count of frames in which a person is missing. A person seen only once then gets few votes,
 # since the body of such a person may have been fitted to an arm
 CHANCE: Final = 2
@@ -55,7 +58,7 @@ class Candidate:
     seen: tuple[SeenPerson | None, ...]  # the person in each sighting; None if not seen
     votes: float  # sum of the votes; the candidate with the largest sum is most likely the patient
     within: bool  # whether the person's usual place lies inside the outline of the equipment
-    faced: float  # mean over the sightings of the number of people nearby who face this person
+    faced: float  # number of people nearby who face this person, averaged over the sightings of this person
 
     @property
     def place_xz_m(self) -> np.ndarray:
@@ -154,7 +157,9 @@ def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
 
 
 def _joined(members: Sequence[list[SeenPerson | None]]) -> list[list[SeenPerson | None]]:
-    """Join people with the same usual place into one person: a squatting person is sometimes taken for two."""
+    """Join people with the same usual place into a single person, since a squatting person is sometimes taken for two
+    people.
+    """
     joined = list[list[SeenPerson | None]]()
     for seen in sorted(members, key=lambda one: -sum(person is not None for person in one)):
         place = _usual_place(seen)
@@ -171,10 +176,11 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether most of the person lies near the fitted rough body, and cameras do not see past the body's trunk.
+    """Return whether most of the person's surface lies near the fitted rough body and cameras do not see past a large
+    share of the body's trunk.
 
-    In each sighting, a share of the person lies near the body. The upper quartile of these shares decides, since a pad
-    and a therapist may hide almost all of a patient until the patient stands up.
+    In each sighting, a share of the person's surface lies near the body. The upper quartile of these shares decides,
+    since a pad and a therapist may hide almost all of a patient until the patient stands up.
     """
     bodies = _bodies(seen)
     if not bodies:
@@ -287,7 +293,9 @@ def outside_m(place_xz_m: np.ndarray, equipment: EquipmentModel) -> float:
 
 
 def _at_place(candidates: Sequence[Candidate], place_xz_m: np.ndarray) -> Candidate | None:
-    """Return the person nearest to a place, in the first sighting with a person there; None if no sighting has one."""
+    """Return the person nearest to a place, in the first sighting with a person at this place; None if no sighting
+    shows a person there.
+    """
 
     def away_m(candidate: Candidate, number: int) -> float:
         one = candidate.seen[number]

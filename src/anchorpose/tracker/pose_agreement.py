@@ -1,5 +1,5 @@
 """Check whether two cameras show the same room and the same people: neither camera may see past a surface that the
-other shows.
+other camera shows. A camera sees past a surface if it reads something farther away there.
 
 Objects may hide a surface from a camera, but a camera reads something behind a surface only if a camera pose is wrong.
 The room's surfaces reveal a camera pose that is too near to them, too far from them, too high or tilted. A pose that is
@@ -28,11 +28,12 @@ from anchorpose.recording.recording import FrameSet, depths_of
 # two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
 # farther away). A share above the first limit causes a note; a share above the second limit, a refusal of the recording
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
-# two limits of the share of the people's surface that a camera sees past: for a note and for a refusal, as above
+# two limits of the share of the people's surface that a camera sees past; a share above the first limit causes a note,
+# a share above the second limit a refusal of the recording
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
-# blurs depth edges. Above it, the recording is refused. It is higher than MUCH_OF_ROOM, since people cannot confirm the
-# contradiction
+# blurs depth edges. If the share is above this limit, the recording is refused. The limit is higher than MUCH_OF_ROOM,
+# since people cannot confirm the contradiction
 ROOM_ALONE: Final = 0.6
 # m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
@@ -40,7 +41,8 @@ LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; wit
 POINTS: Final = 20000  # number of points of one camera's room that are compared
 POINTS_OF_PEOPLE: Final = 3000  # number of points on the people in one camera's frame that are compared
 FRAMES: Final = 8  # maximum number of frames in which people are compared
-# m; poses are doubted if the surfaces seen by both cameras are farther apart than this; correct poses: at most 0.009
+# m; camera poses are doubted if the surfaces seen by both cameras are farther apart than this. With correct poses, the
+# surfaces are at most 0.009 m apart
 OFF_M: Final = 0.015
 # m; the recording is refused if the surfaces seen by both cameras are farther apart than this: each of the two poses is
 # then wrong by about 10 cm
@@ -124,8 +126,9 @@ def seen_past(
     """Return, for each pair of cameras, the shares of surfaces that one of them sees past (reads something farther
     away). moments: for each moment, the pixels of people in each camera; None for a camera without a frame.
 
-    clocks_known: whether both cameras' frames of a moment were taken at the same time. If not, a camera sees past a
-    person only if it does so at all moments, because people stay in the room while one of them may have moved on.
+    clocks_known: whether both cameras' frames of a moment were taken at the same time. If not, a point on a person
+    counts as seen past only if the other camera sees past it at all moments, since the other camera's frame may have
+    been taken before or after the person was at this point.
     """
     pairs = combinations(range(len(scenes)), 2)
     return [_of_pair(one, other, scenes, moments, clocks_known) for one, other in pairs]
@@ -193,11 +196,12 @@ def _people_past(here: Pieces, depths_m: Sequence[np.ndarray], one: Scene, other
 
 
 def _past(world_m: np.ndarray, other: Scene, depths_m: Sequence[np.ndarray]) -> tuple[int, int]:
-    """Return how many of the points (n, 3) another camera sees past (reads something farther away) in each of its depth
-    images (height, width), and how many of the points can be compared.
+    """Return how many of the points (n, 3) another camera sees past (reads something farther away), and how many of the
+    points can be compared with its depth images (height, width). A point counts as seen past only if none of these
+    images has a reading in front of the point or up to ``AWAY_M`` behind it.
 
-    A point in view can be compared with an image if the camera has a reading there and nothing hides the point. The
-    point is compared with the nearest (smallest) reading among the pixels within ``AWAY_M`` of it.
+    A point in view can be compared with an image if the camera has a reading there and nothing hides the point. Each
+    point is compared with the smallest reading among the pixels within ``AWAY_M`` of the point.
     """
     seen = transform_points(invert_rigid(other.camera.require_pose()), world_m)
     column, row, inside = other.camera.pixel_of(seen)

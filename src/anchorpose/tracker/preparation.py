@@ -35,15 +35,15 @@ from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 
-# factor on the number of samples if the recording has no image of the empty room. The room is then composed from
+# factor on the number of sampled frames if a camera has no image of the empty room. The room is then composed from
 # samples in which people hide different parts of it
 BLIND_SAMPLES = 3
-# number of frames examined before, and as many after, the frame in which the user gave the patient's place; meanwhile a
-# person walks only half a step
+# number of frames that are examined on each side of the frame in which the user gave the patient's place. In so few
+# frames, a person walks only half a step
 AROUND: Final = 6
 OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 MOVED: Final = "moved during the recording, or its depth drifted: positions from before and after do not fit together"
-LOOKS: Final = 3  # maximum number of frames from which the direction that the patient faces is found
+LOOKS: Final = 3  # maximum number of frames from which the direction in which the patient faces is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +78,8 @@ def agreeing(settled: Settled, scenes: Sequence[Scene]) -> Settled:
 
 
 def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW) -> Settled:
-    """Find the clocks and poses of all cameras. Poses make the clocks more precise, and clocks make poses that are
-    found from people more precise, so both are found in turn.
+    """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
+    that are found from people more precise, so clocks and poses are found in turn.
 
     Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
     recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.
@@ -91,8 +91,8 @@ def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW
 
 
 def _without_outdated_rooms(recording: Recording, config: TrackConfig) -> tuple[Recording, tuple[str, ...]]:
-    """Return the recording without depth images of the empty room from before a camera or its room moved, and a
-    sentence on each of these cameras.
+    """Return the recording without outdated depth images of the empty room, and a sentence on each camera that had such
+    an image. An image is outdated if the camera or its room has moved since the image was recorded.
     """
     if all(room is None for room in recording.backgrounds_m):
         return recording, ()
@@ -119,7 +119,9 @@ def _own_images(recording: Recording, camera: int, config: TrackConfig) -> list[
 
 
 def _settled_in_turn(recording: Recording, config: TrackConfig, review: Review) -> Settled:
-    """Find the clocks and poses as ``settle`` does, with all depth images of the empty room."""
+    """Find the clocks and poses as ``settle`` does, using all depth images of the empty room that ``recording`` still
+    has.
+    """
     unplaced = len(recording.cameras) > 1 and any(camera.T_world_camera is None for camera in recording.cameras)
     by_people = unplaced and recording.equipment is None
     if not unplaced:
@@ -253,8 +255,8 @@ def _position(recording: Recording, frame: int) -> int:
 
 
 def nobody_named(recording: Recording, scenes: Sequence[Scene], config: TrackConfig) -> InputError:
-    """Return the error for a patient's place without a person. The error states where people are in the frame of the
-    place or, without a frame, in the first tracked frame.
+    """Return the error to raise if no person stands at the place that the user gave for the patient. The error states
+    where people are in the frame for which the place was given; if no frame was given, in the first tracked frame.
     """
     frame, (x, z) = config.patient_frame, config.patient_xz_m or (np.nan, np.nan)
     position = config.start if frame is None else _position(recording, frame)
@@ -294,8 +296,8 @@ def heading_of_patient(
     """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None if
     the examined frames disagree.
 
-    room: its initial frames are indices into ``samples``. Several frames are used, because in a single frame another
-    person may be mistaken for a part of the patient.
+    room: ``InitialFrame.frame`` of its initial frames is an index into ``samples``. Several frames are used, because in
+    a single frame another person may be mistaken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]

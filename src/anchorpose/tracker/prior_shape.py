@@ -94,7 +94,8 @@ TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of an adult body that is tried
 CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a child's body that is tried
 ORDINARY_HEIGHT_M = 1.70  # m, assumed height of an adult whose height is not given
-CONTRADICTS = 3.0  # standard deviations; a stated height is not used if it differs by more from the visible height
+# standard deviations; a stated height is not used if it differs by more than this from the visible height
+CONTRADICTS = 3.0
 # m, systematic error of a height from images, due to shoes, hair and bodies that differ from the model
 SYSTEMATIC_M = 0.02
 TRIED_SIGMA_M = 0.01  # m, assumed error of a tried height; small, so that the fitted body gets this height
@@ -112,7 +113,8 @@ def known_beliefs(subject: Subject, config: TrackConfig) -> tuple[ShapeBelief, .
     """Return the prior beliefs in the patient's shape: first an adult's, then a child's unless the patient is known to
     be an adult.
 
-    A measured height is included as an observation. Without it, the height follows from age and sex if they are stated.
+    A measured height is included as an observation. Without a measured height, the height follows from age and sex if
+    they are stated.
     """
     asset = body_points().asset
     groups = (adult_belief,) if subject.grown else (adult_belief, child_belief)

@@ -24,15 +24,19 @@ from anchorpose.isolation.components import JUMP_GATE, label_components
 from anchorpose.isolation.scene import Scene
 from anchorpose.recording.recording import FrameSet
 
-LEAST_S: Final = 1.0  # s, minimum time at rest; a person who turns round to walk back stands still for half a second
+# s, minimum time at rest of an object; it excludes people who turn round to walk back, since they stand still for half
+# a second
+LEAST_S: Final = 1.0
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
-SETTLING: Final = 2  # number of samples left out after an object came to rest, since it may still move a little
-# minimum of two shares. The first is the share at rest of the connected foreground that contains an object. The second
-# is the share of the object's pixels that came to rest only after the first samples
+# number of sampled frames that are left out after an object came to rest, since the object may still move a little
+SETTLING: Final = 2
+# 0 to 1, minimum that each of two shares must reach. The first share is the part at rest of the connected foreground
+# that contains an object. The second share is the part of the object's pixels that came to rest only after the first
+# samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
-# percentile of the share at rest over the sampled frames (``_whole_share``). It lets people touch the object in two
-# thirds of the frames
+# percentile of the share at rest over the sampled frames that show the object at rest (``_whole_share``). With this
+# percentile, people may touch the object in two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
@@ -142,7 +146,7 @@ def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
     """Return the share at rest, 0 to 1, of the connected foreground that contains a piece: the percentile ``OFTEN`` of
-    this share over the sampled frames.
+    this share over the frames in ``samples``, which show the piece at rest.
     """
     shares = []
     for k in samples:
@@ -156,8 +160,9 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the ``RestingLayer`` of an object (``piece``) and its rim; it begins at the first of ``samples``. The
-    standard deviation of the object's readings is measured; it is assumed to grow with the square of the depth.
+    """Make the ``RestingLayer`` of an object (``piece``) and its rim; the layer begins at the time of the first of
+    ``samples``. The standard deviation of the object's readings is measured, and is assumed to grow with the square of
+    the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)

@@ -53,7 +53,8 @@ class Room:
     clocks: Clocks
     calibration: Calibration
     scenes: tuple[Scene, ...]  # one per camera, in the order of the recording
-    # best first; empty if no person was seen in the sampled frames or no person is to be tracked
+    # possible initial frames, best first; empty if no person was seen in the sampled frames or no person is to be
+    # tracked
     initial_frames: tuple[InitialFrame, ...]
     review: Review  # a reviewer's corrections of earlier results
     why_nobody: str = NOBODY_SEEN  # the reason why all joints are lost if no initial frame was found

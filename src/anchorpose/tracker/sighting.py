@@ -22,7 +22,8 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-# m; a rough body covers all points this close to its skin. The distance allows for clothes and errors of the body
+# m; a rough body covers all points that are closer than this to its skin. The distance allows for clothes and errors of
+# the body
 COVERED_M: Final = 0.10
 # m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
@@ -75,7 +76,7 @@ class Sighting:
     frame: int  # number of the frame
     people: tuple[SeenPerson, ...]
     depths_m: tuple[np.ndarray | None, ...]  # each camera's depth image; None if the camera has no frame
-    crowd: Crowd | None = None  # the pixels of each person, in the order of ``people``
+    crowd: Crowd | None = None  # the pixels and rough body of each person, in the order of ``people``
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
@@ -95,7 +96,8 @@ def see_people_apart(pieces: Sequence[Pieces | None], cameras: Sequence[Camera])
     """Return the people at one moment with their rough bodies. A person whose points are covered by another person's
     body is merged into that person.
 
-    The descriptor's votes for a hidden pelvis may be half a metre off, so two cameras may see one person as two.
+    The learnt descriptor estimates where a person's pelvis is. The estimate for a hidden pelvis may be half a metre
+    off, so a person who is seen by two cameras may be taken for two people.
     """
     people = see_people(pieces, cameras)
     bodies = _bodies(pieces, people, cameras, np.arange(len(people.people)))

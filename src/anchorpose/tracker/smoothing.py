@@ -30,7 +30,8 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; a limb is averaged over both passes if they place each of its joints within this distance
+# m, the width of a wrist; a limb is averaged over both passes if their places for each of the limb's joints are closer
+# together than this
 APART_M: Final = 0.06
 # m, half a shoulder breadth; if the trunks of both passes are farther apart than this, all limbs are taken from the
 # pass whose trunk is used
@@ -44,8 +45,8 @@ SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
-# m/s per square root of a second; a hand that starts to reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) =
-# 2
+# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. A hand that starts to
+# reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
 ACCELERATION: Final = 2.0
 
 
@@ -70,8 +71,8 @@ def smooth_in_time(time_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray
 def _forwards(
     steps_s: np.ndarray, joints_m: np.ndarray, sigma_m: np.ndarray, acceleration: float
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Run the Kalman filter. Return, per frame, position and velocity (j, 2, 3) and their covariance (j, 2, 2). Then
-    return both as predicted from the frame before, for each frame but the first.
+    """Run the Kalman filter. Return four lists: for each frame, position and velocity (j, 2, 3), and their covariance
+    (j, 2, 2); for each frame but the first, the same two values as predicted from the frame before.
     """
     count = joints_m.shape[1]
     mean = np.stack([joints_m[0], np.zeros((count, 3))], axis=1)
@@ -129,7 +130,7 @@ def pass_result(body: Body, estimate: Estimate, usable: bool) -> PassResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassCourse:
-    """All frames of one pass, or of both passes combined, without poses and labels."""
+    """The joints of all frames of one pass, or of both passes combined, as arrays; poses and labels are left out."""
 
     joints_m: np.ndarray  # (t, 21, 3) m, places of the joints in each frame
     sigma_m: np.ndarray  # (t, 21) m, standard deviation of each joint's position; NaN for lost joints
@@ -157,12 +158,12 @@ class Smoothing:
 
 
 def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.ndarray, lost_sigma_m: float) -> Smoothing:
-    """Combine and smooth the frames (t,) of two passes. there: the first pass; back: the second pass, in the order of
-    the first.
+    """Combine and smooth the frames (t,) of two passes. there: the frames of the first pass; back: the frames of the
+    second pass, in the order of the first pass.
 
-    held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs; they stay in place and do not
-    affect other frames. Frames in which both passes lost the patient stay lost; joints are smoothed over each stretch
-    between such frames.
+    held (t, 21) bool: joints that a reviewer placed, and all joints of the same limbs. These joints stay in place, and
+    they hardly affect other frames, since ``lost_sigma_m`` is used as their sigma. Frames in which both passes lost the
+    patient stay lost; joints are smoothed over each stretch between such frames.
     """
     weight = _weights_of_back(there, back, lost_sigma_m)
     mixed = _mixed(there, back, weight[:, LIMB_OF_JOINTS])
@@ -170,7 +171,9 @@ def smooth(time_s: np.ndarray, there: PassCourse, back: PassCourse, held: np.nda
 
 
 def smoothed_result(body: Body, there: PassResult, back: PassResult, smoothing: Smoothing, row: int) -> PassResult:
-    """Pose the body to fit the smoothed joints of a frame, within its bone lengths and joint ranges."""
+    """Pose the body to fit the smoothed joints of a frame, with the body's bone lengths and within the ranges of its
+    joints.
+    """
     weight, course = smoothing.weight[row], smoothing.course
     start, joints_m = _nearer_pose(there.pose, back.pose, body.points, weight), course.joints_m[row]
     pose = None if start is None else pose_from_joints(body, start, joints_m)
@@ -207,8 +210,8 @@ def _smoothed_stretches(time_s: np.ndarray, mixed: PassCourse, held: np.ndarray,
 
 
 def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -> np.ndarray:
-    """Return (t, PARTS) the weight of the second pass for trunk and limbs: by inverse variance where both passes agree,
-    else 0 or 1.
+    """Return (t, PARTS) the weight of the second pass for trunk and limbs. Where both passes agree, the passes are
+    weighted by their inverse variances; elsewhere, the weight is 0 or 1.
     """
     apart_m = np.nan_to_num(np.linalg.norm(there.joints_m - back.joints_m, axis=2))
     costs = np.array([_JOINT_COST[way.state_code] for way in (there, back)])
@@ -241,9 +244,9 @@ def seen_less(answer: PassResult) -> float:
 
 
 def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-    """Choose one of two courses (for example, passes) in each frame, so that the total cost is least (Viterbi 1967);
-    return its number (t,), 0 or 1. cost (2, t): cost of each course in each frame. The farther apart the courses are,
-    the more a switch costs, since limbs do not jump.
+    """Choose the first or the second of two courses (for example, passes) in each frame, so that the total cost is
+    least (Viterbi 1967). Return the number (t,) of the chosen course in each frame, 0 or 1. cost (2, t): cost of each
+    course in each frame. The farther apart the courses are, the more a switch costs, since limbs do not jump.
     """
     change = SWITCH_COST + SWITCH_COST_PER_M * distance_m
     total, came_from = cost[:, 0].copy(), np.zeros((len(distance_m), 2), dtype=np.int64)
@@ -260,8 +263,8 @@ def cheapest_course(cost: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
 
 
 def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCourse:
-    """Mix joints, sigma and states of both passes. weight (t, 21): weight of the second pass in frames where both found
-    the patient.
+    """Mix joints, sigma and states of both passes. weight (t, 21): weight of the second pass in frames in which both
+    passes found the patient.
     """
     share = np.where((there.found & back.found)[:, None], weight, back.found[:, None].astype(np.float64))
     code = np.where(share > 0.5, back.state_code, there.state_code)

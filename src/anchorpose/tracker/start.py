@@ -1,4 +1,4 @@
-"""Find the first pose in a frame: the body that fits the patient there, or the reason why no body does."""
+"""Find the first pose in a frame: the body that fits the patient in this frame, or the reason why no body fits."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ TURN_GATE = 21.1
 # maximum deviation, in standard deviations, of any of 16 shape components; one adult in a thousand exceeds it
 MOST_DEVIATIONS = 4.0
 LEAST_EXPLAINED = 0.55  # minimum share of the patient's surface that lies near the body in a first pose
-# m, maximum height of the feet above the floor if no shank is seen; on a low bed or a treadmill, feet are lower
+# m, maximum height of a body's lowest skin above the floor if no shank is seen; feet on a low bed or a treadmill are
+# lower than this
 HANGS_M = 0.35
 # minimum cosine between trunk and vertical for HANGS_M to be tested; it excludes people who lie, since their feet may
 # be high
@@ -74,7 +75,7 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's pose in a frame, with the facing that a longer stretch of the recording has decided."""
+    """The patient's pose in a frame. A longer stretch of the recording has decided which way the patient faces."""
 
     pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
@@ -91,8 +92,8 @@ def find_start(
     """Find the patient in a frame, or return why the patient is not found.
 
     known: the learnt shape, None before learning; crowd: the people in this frame, None if not found yet; expected: the
-    pose expected after a loss. The expected pose is used for the limb search after the first pose, and to reject a
-    person who faces the other way.
+    pose expected after a loss. The expected pose is used by the search for misplaced limbs, and to reject a person who
+    faces the other way.
     """
     room, config = run.room, run.config
     crowd = crowd or people_of(frame_set, run)
@@ -145,8 +146,8 @@ def _as_rough(
 ) -> list[Pose]:
     """Return the registered pose of the patient's rough body; empty if it faces another way than the pose ``facing``.
 
-    The rough body was fitted to the pixels of this person as the descriptor sees them, before the bodies decided whose
-    pixels these are.
+    The rough body was fitted to the pixels that the descriptor assigns to this person, before the fitted bodies of all
+    people decided to whom each pixel belongs.
     """
     rough = crowd.body_at(choice.ground_xz_m)
     if rough is None or facing.faces_away(rough.found.belief.pose):
@@ -199,7 +200,9 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
 
 
 def _turned(first: FirstPose) -> Rival:
-    """Return the opposite facing, with the same body or with a body fitted for that facing, whichever is likelier."""
+    """Return the rival with the opposite facing. It has the body of the first pose or a body that was fitted for the
+    opposite facing, whichever is likelier.
+    """
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)
     return Rival(vague_belief(other.pose), first.ahead_of(other), body=own)
@@ -231,7 +234,9 @@ def _first_body(seen: Observation, person: MatchedPerson, run: Run, known: Fitte
 
 
 def _is_likely(first: FirstPose, subject: Subject) -> bool:
-    """Return whether the fitted height and build are human. A height that the user measured is always accepted."""
+    """Return whether the fitted height and build occur in people. A height that the user has measured is always
+    accepted.
+    """
     deviations = first.belief.deviations(first.shape)[: body_points().asset.common_count]
     return (subject.height_m is not None or is_human(first.shape)) and bool(deviations.max() < MOST_DEVIATIONS)
 
@@ -261,7 +266,9 @@ def _why_not(start: Start, run: Run) -> NoStart | None:
 
 def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
     """Return whether the lowest skin of an upright body is far above the floor, which happens if only a part of the
-    person is seen. People who sit on a high couch also hang, but their shanks are seen. joints_m (21, 3).
+    person is seen. The result is also True for people who sit on a high couch, but their shanks are seen.
+
+    joints_m (21, 3): joints of the body.
     """
     trunk = unit(joints_m[JOINT_INDEX["SpineShoulder"]] - joints_m[JOINT_INDEX["SpineBase"]])
     return bool(trunk[1] > UPRIGHT and posed.points_m[:, 1].min() > floor_m + HANGS_M)
@@ -272,9 +279,8 @@ def quality(start: Start) -> float:
     for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
-    remains confused for long. Rare poses are often wrong: for example, legs fitted to a kneeling person's head are bent
-    in
-    a rare way.
+    remains confused for long. Rare poses are often wrong: for example, if legs were fitted to the head of a kneeling
+    person, these legs are bent in a rare way.
     """
     body = build_body(body_points(), start.shape)
     points, pose = body.points, start.belief.pose

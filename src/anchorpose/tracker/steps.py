@@ -27,12 +27,15 @@ SAME_M: Final = 0.06
 PAST_M: Final = 0.15
 POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
 STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
-PLACED: Final = 0.4  # if this share of the predicted skin is found, no step is needed; limbs in front may hide the rest
+# minimum worth (``_worth``) of a person's predicted skin without a step; if it is reached, no step is needed. It is far
+# below 1, since limbs in front may hide the rest
+PLACED: Final = 0.4
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
 # reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
 FAR_COST: Final = 0.2
-MOST_WALKERS: Final = 5  # maximum number of people whose steps are compared jointly; an image has no room for more
+# maximum number of walking people whose steps are compared jointly; an image has no room for more people
+MOST_WALKERS: Final = 5
 MOST_STEPS: Final = 4  # maximum number of steps considered for each person
 APART_M: Final = 0.25  # m, minimum distance between two people's places, and between two considered steps of a person
 LEAST_POINTS: Final = 60  # minimum number of a person's points, as many as on a hand; with fewer, no step is found
@@ -45,7 +48,7 @@ def find_steps(
     no entry.
 
     skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at the point's depth. It counts as refuted if a camera sees past the point (reads something
+    pixel of a person lies at the point's depth. The point counts as refuted if a camera sees past it (reads something
     farther away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest
     refuted is chosen.
     """
@@ -90,7 +93,9 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the total worth of the chosen steps, one per person; -inf if two people would stand in one place."""
+    """Return the sum of ``worth`` over the chosen steps, one step per person; -inf if a step would bring two people to
+    the same place.
+    """
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
             return -np.inf
@@ -156,7 +161,9 @@ def _best_step(
 def _worth(
     points_m: np.ndarray, steps: np.ndarray, shown: Sequence[tuple[Pieces, Projection]], free: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Return (k,) the share of points that a camera finds after each step minus the share refuted (``find_steps``)."""
+    """Return (k,) for each step: the share of points that count as found after the step, minus the share of points that
+    count as refuted (``find_steps``).
+    """
     found = np.zeros((len(steps), len(points_m)), np.int8)
     for (pixels, projection), open_ in zip(shown, free, strict=True):
         _look(points_m, steps, projection, pixels.depth_m, open_, found)

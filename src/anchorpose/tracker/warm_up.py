@@ -1,4 +1,6 @@
-"""Compile the numba kernels of prediction and registration before they are needed, in a second process."""
+"""Compile the kernels (functions that numba compiles) of prediction and registration in a second process, before they
+are needed.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def start_warm_up() -> subprocess.Popen[bytes]:
 
 
 def warm_up() -> Registration:
-    """Run the kernels to compile them: predict a body that stands still, and fit it to its skin as a camera sees it."""
+    """Run the kernels to compile them: predict the pose of a body that stands still, and fit this body to its own skin
+    as a simulated camera sees it.
+    """
     points = body_points()
     body = build_body(points, shape_of_height(points.asset, 1.70))
     pose = Pose(np.tile(np.eye(3), (len(points.asset.bone_names), 1, 1)), np.zeros(3))

@@ -1,5 +1,5 @@
-"""Control the access to a page's server. Only the page that this program opened may use the server, with a limited
-number of connections.
+"""Control the access to a page's server. Only the page that this program opened may send requests to the server, over a
+limited number of connections.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ TOKEN_BYTES: Final = 24
 class Guard:
     """The rule that decides which requests are served.
 
-    The token must be the first part of every path. If the server listens on loopback, the Host header must also be a
-    loopback name. This refuses requests from another site whose name points to this machine (DNS rebinding), since
-    their header has the name of that site. A request that changes data must come from the page.
+    The token, a secret text, must be the first part of the path of every request. If the server listens on a loopback
+    address (reachable from this machine only), the Host header must also be a loopback name. This refuses requests from
+    the page of another site whose name points to this machine (DNS rebinding), since the header of such a request has
+    the name of that site. A request that changes data must come from the page of this server.
     """
 
     token: str
@@ -37,22 +38,23 @@ class Guard:
         return rest if hmac.compare_digest(first.encode(), self.token.encode()) else None
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the request was made to a name of this machine. Any port is allowed, since with a tunnel (port
-        forwarding) the browser may use another port than the server.
+        """Return whether the request was made to a name of this machine; True for every request if the server does not
+        listen on loopback. Any port is allowed, since with a tunnel (port forwarding) the browser may use another port
+        than the server.
         """
         return not self.loopback or is_loopback(_name_in(headers.get("Host", "")))
 
     def comes_from_the_page(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request that changes data was made by the page of this server, according to the origin that
-        the browser states. Browsers send JSON from another site's page only if the server permits it, and this server
-        never does.
+        the browser states. Browsers let the page of another site send JSON to a server only if this server permits it,
+        and this server never does.
         """
         origin, host = headers.get("Origin"), headers.get("Host", "")
         return headers.get("Content-Type", "") == "application/json" and origin == f"http://{host}"
 
 
 def new_token() -> str:
-    """Return a token that cannot be guessed, of characters that are valid in an address."""
+    """Return a new token: a random text that cannot be guessed, of characters that are valid in an address."""
     return secrets.token_urlsafe(TOKEN_BYTES)
 
 
@@ -74,8 +76,11 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-MOST: Final = 48  # maximum number of open connections; some systems allow only 256 open files
-MOST_PER_CLIENT: Final = 24  # maximum number of connections per client address: four browser windows with six each
+# maximum number of open connections to the server; each is an open file, and some systems allow a program only 256 of
+# them
+MOST: Final = 48
+# maximum number of open connections from one client address: enough for four browser windows with six connections each
+MOST_PER_CLIENT: Final = 24
 CLOSING_S: Final = 1.0  # s, maximum time that a connection may take to close after it was shut down
 
 
@@ -88,8 +93,8 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. If too many are open, the oldest connection that has not sent the token is closed to make
-    space for a new connection.
+    """The open connections to the server. If too many are open, the oldest connection that has not sent the token is
+    closed to make space for a new connection.
     """
 
     def __init__(self) -> None:
@@ -97,8 +102,8 @@ class Connections:
         self._changed = Condition()
 
     def add(self, request: socket.socket, client: str) -> bool:
-        """Return whether a connection from the address ``client`` is allowed; if so, the connection is counted from now
-        on.
+        """Return whether a new connection from the address ``client`` is allowed; if so, the connection counts as open
+        from now on.
         """
         with self._changed:
             while full := self._in_the_way(client):
@@ -109,7 +114,9 @@ class Connections:
         return True
 
     def trust(self, request: socket.socket) -> None:
-        """Note that a connection has sent the token, so that it is not closed in favour of a new connection."""
+        """Note that a connection has sent the token. Such a connection is never closed to make space for a new
+        connection.
+        """
         with self._changed:
             for one in self._open:
                 one.known |= one.request is request
@@ -130,7 +137,7 @@ class Connections:
         return own if len(own) >= MOST_PER_CLIENT else []
 
     def _close(self, stranger: _Connection) -> bool:
-        """Shut a connection down, and return whether its thread has closed it within ``CLOSING_S``."""
+        """Shut a connection down, and return whether the thread that serves it has closed it within ``CLOSING_S``."""
         stranger.leaving = True
         with suppress(OSError):  # the client has closed it already
             stranger.request.shutdown(socket.SHUT_RDWR)

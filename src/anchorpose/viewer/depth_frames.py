@@ -1,6 +1,8 @@
-"""Provide the depth images behind the results: labelled points of all cameras, and the patient's surface.
+"""Provide the depth images from which results were computed: the labelled points of all cameras, and the patient's
+surface.
 
-The cameras' clocks are taken from run.json, so images that were tracked together are shown together.
+The cameras' clocks are taken from run.json (the record of the tracking run), so that images of several cameras that
+were tracked as one frame are shown as one frame.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
     return tuple(Clock(**clocks[camera]) for camera in cameras)
 
 
-# Number of pixels on each side from which the slope at a pixel is computed; both sides together are about 5 cm wide at
-# 2 m. With fewer pixels, noise would be visible.
+# pixels, distance to each side of a pixel at which depth is read to compute the slope of the surface; both sides
+# together are about 5 cm wide on a surface at 2 m. With fewer pixels, noise would be visible.
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
@@ -43,8 +45,8 @@ _LIGHT: Final = np.array(
 
 
 def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the brightness (height, width) uint8, 255 = facing the light. It is only for display, where it shows the
-    shape of surfaces.
+    """Return the brightness of each pixel (height, width) uint8, 255 = the surface faces the light. Brightness is used
+    only for display, where it shows the shape of surfaces.
 
     depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
     """
@@ -67,11 +69,11 @@ def _slope(depth_m: np.ndarray, axis: int) -> np.ndarray:
 
 
 UNLABELLED: Final = 255
-"""Label of all pixels of results without a people.parquet."""
+"""Label of all pixels if the results have no people.parquet (the file with the person labels)."""
 
 ROOM_STEP: Final = 3
-"""Step, in rows and columns, between the pixels of the room that are sent to the page; so many pixels suffice for
-orientation.
+"""Step, in rows and columns, between the pixels of the room that are sent to the page: the page shows the room only for
+orientation, so few pixels suffice.
 """
 
 UNLABELLED_STEP: Final = 2
@@ -85,7 +87,7 @@ class DepthFrames:
     """A recording with the clocks and camera poses of a tracking run.
 
     frame (n,): numbers of the results' frames. pairs (n, cameras): for each of these frames, the index of each camera's
-    depth image in its stream, -1 = none. people: None if the results have no person labels.
+    depth image among all images of this camera, -1 = none. people: None if the results have no person labels.
     """
 
     recording: Recording
@@ -99,12 +101,13 @@ class DepthFrames:
         return self.recording.cameras
 
     def points(self, position: int, room: bool) -> tuple[list[np.ndarray], list[str]]:
-        """Return for each camera (m, 4) uint16: column, row, grey value and look of each pixel with a reading; and
-        sentences on problems.
+        """Return for each camera (m, 4) uint16: column, row, grey value and look (brightness and label) of each pixel
+        with a reading. Also return sentences on problems, for the user.
 
-        Coarse grids come first (every eighth row and column, then every fourth, then every second, then all), so that a
-        slow page may draw only a part. The look is 256 times the brightness from ``shade``, plus the label. position:
-        row of the results' frames. room: whether to include a part of the room's pixels.
+        The pixels of coarse grids come first (every eighth row and column, then every fourth, then every second, then
+        all), so that a page on a slow computer may draw only the first part. The look of a pixel is 256 times the
+        brightness from ``shade``, plus the person label. position: row of the frame in the results. room: whether to
+        include a part of the pixels that show the room.
         """
         found, problems = list[np.ndarray](), list[str]()
         for number, camera in enumerate(self.cameras):
@@ -136,10 +139,11 @@ class DepthFrames:
         return np.concatenate(vertices), np.concatenate(triangles)
 
     def place_of_person(self, position: int, camera: str, column: int, row: int) -> tuple[np.ndarray | None, str]:
-        """Return the point (3,), metres, world, of the person whom a pixel shows; or None and the reason, for the user.
+        """Return the point (3,), in metres in the world, at which a pixel shows a person, and an empty text. If the
+        pixel shows no person, return None and the reason, as a sentence for the user.
 
-        Without labels, a point on any surface is accepted; ``track`` later checks whether a person is there. Raises
-        ValueError for a camera or a pixel that does not exist.
+        If the results have no person labels, a point on any surface is accepted; the command ``track`` later checks
+        whether a person is there. Raises ValueError for a camera or a pixel that does not exist.
         """
         names = [one.name for one in self.cameras]
         if camera not in names:
@@ -165,7 +169,9 @@ class DepthFrames:
         return place_m, ""
 
     def depth(self, position: int, camera: int) -> tuple[np.ndarray | None, str]:
-        """Return the depth image in metres and an empty text, or None and the reason why the image is missing."""
+        """Return a camera's depth image (height, width) in metres and an empty text, or None and the reason why the
+        image is missing. position: row of the frame in the results; camera: the camera's number.
+        """
         index = self.pairs[position, camera]
         if index < 0:
             return None, "there is no picture of this time"
@@ -173,8 +179,8 @@ class DepthFrames:
         return picture.depth_m, f"the picture {picture.problem}" if picture.problem else ""
 
     def labels(self, position: int, camera: int) -> np.ndarray | None:
-        """Return the labels (height, width) uint8; all ``ROOM`` in a frame without people, None if the results have
-        no labels.
+        """Return the person label of each pixel (height, width) uint8: ``ROOM`` at all pixels in a frame without
+        people; None if the results have no labels.
         """
         if self.people is None:
             return None
@@ -240,14 +246,17 @@ def _pixels(depth_m: np.ndarray, labels: np.ndarray | None, camera: Camera, room
     coarse_first = np.argsort(_fineness(row, column), kind="stable")
     row, column = row[coarse_first], column[coarse_first]
     grey = np.rint(depth_m[row, column] / np.float32(camera.depth_scale))
-    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)  # shading only this part saves time
+    # brightness is computed only for the part of the image with shown pixels, to save time
+    top, left = max(0, row.min() - REACH_PX), max(0, column.min() - REACH_PX)
     lit = shade(depth_m[top : row.max() + REACH_PX + 1, left : column.max() + REACH_PX + 1], camera)
     look = 256 * lit[row - top, column - left].astype(np.uint16) + labels[row, column]
     return np.column_stack([column, row, grey, look]).astype(np.uint16)
 
 
 def _fineness(row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return 0 for pixels on every eighth row and column, 1 on every fourth, 2 on every second, 3 for all others."""
+    """Return a rank (n,) for pixels: 0 if row and column are multiples of eight, 1 if they are multiples of four, 2 if
+    they are multiples of two, 3 for all other pixels.
+    """
     both = row | column
     ranks = np.where(both % 2, 3, np.where(both % 4, 2, np.where(both % 8, 1, 0)))
     return ranks.astype(np.uint8)  # numpy sorts single bytes fastest, by counting

@@ -1,4 +1,4 @@
-"""Provide a small web server for a page of this program, with access control and the files of the page, and open the
+"""Provide a small web server that sends a page of this program and its data to permitted clients only, and open the
 page in the browser.
 """
 
@@ -28,9 +28,13 @@ from anchorpose.errors import AnchorposeError, InputError
 from anchorpose.recording.document import parse_json
 from anchorpose.viewer.access import Connections, Guard, is_loopback, new_token
 
-MOST_BYTES: Final = 64 * 1024  # bytes, maximum content of a request; a correction has some hundred bytes
-IDLE_S: Final = 20.0  # s; a connection without a request for this time is closed; the browser then opens another
-PATIENCE_S: Final = 120.0  # s; a browser that reads nothing of an answer for this time counts as disconnected
+# bytes, maximum size of the content of a request; a reviewer's correction has some hundred bytes
+MOST_BYTES: Final = 64 * 1024
+# s; a connection over which no request comes for this time is closed; for its next request, the browser opens another
+# connection
+IDLE_S: Final = 20.0
+# s; if a browser reads nothing of an answer for this time, it counts as disconnected, and the connection is closed
+PATIENCE_S: Final = 120.0
 
 
 BYTES: Final = "application/octet-stream"
@@ -49,7 +53,7 @@ RATING_PAGE: Final = "rate.html"
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """A response: bytes and their media type."""
+    """The content of an answer to a request: bytes and their media type."""
 
     content: bytes
     kind: str
@@ -61,7 +65,9 @@ def json_response(value: Any) -> Response:
 
 
 def describe_error(error: Exception) -> str:
-    """Describe an error for the page. A file is given by its name without its folder, which may name the patient."""
+    """Return a sentence that describes an error, for the user of the page. A file is given by its name without its
+    folder, since the folder's name may contain the name of the patient.
+    """
     if isinstance(error, InputError):
         return str(InputError(error.path.name, error.problem, error.remedy))
     if isinstance(error, OSError):
@@ -71,15 +77,17 @@ def describe_error(error: Exception) -> str:
 
 
 class GuardedServer(ThreadingHTTPServer):
-    """A server that listens as soon as it is made, and answers in ``serve_forever``.
+    """A server that accepts connections as soon as the object exists, and answers requests while ``serve_forever``
+    runs.
 
-    address: the address to open; page: the name of the page that the address shows; program: name of the command that
-    printed the address, for the message to clients without the token. Raises AnchorposeError if the server cannot
-    listen on ``host`` and ``port``.
+    address: the address to open in a browser; page: name of the page that this address shows; program: name of the
+    command that printed the address, which the message to clients without the token states. Raises AnchorposeError if
+    the server cannot listen on ``host`` and ``port``.
     """
 
     daemon_threads = True
-    # Maximum number of connections that wait to be accepted. Beyond it, a browser tries again after a second.
+    # Maximum number of connections that wait to be accepted. If more wait, a browser whose connection is not accepted
+    # tries again after a second.
     request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]
@@ -99,17 +107,17 @@ class GuardedServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Return the address with the token, which every request must carry."""
+        """Return the address of the page. It contains the token (a secret text), which every request must contain."""
         everywhere = self.host in ("0.0.0.0", "::")  # addresses that a browser cannot open
         name = socket.gethostname() if everywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{self.guard.port}/{self.guard.token}/"
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Return whether one more connection is allowed; if not, the connection is closed."""
+        """Return whether a new connection is allowed (``Connections.add``); if not, the base class closes it."""
         return self.connections.add(request, client_address[0])
 
     def close_request(self, request: Any) -> None:
-        """Close a connection, which is not counted from then on."""
+        """Close a connection, and stop counting it among the open connections."""
         super().close_request(request)
         self.connections.remove(request)
 
@@ -120,20 +128,22 @@ class GuardedServer(ThreadingHTTPServer):
 
 
 class GuardedHandler(BaseHTTPRequestHandler):
-    """A handler that sends the files of the page to clients with the token; subclasses answer requests for data in
-    ``answer_get``.
+    """A handler of requests that sends the files of the page to clients that send the token. Subclasses answer requests
+    for data in ``answer_get``.
     """
 
     protocol_version = "HTTP/1.1"
     server: GuardedServer
 
     def handle_one_request(self) -> None:
-        """Handle the next request of a connection; close the connection if no request comes."""
+        """Handle the next request of a connection; close the connection if no request comes for ``IDLE_S``."""
         self.connection.settimeout(IDLE_S)
         super().handle_one_request()
 
     def do_GET(self) -> None:
-        """Answer with the page's file of the requested name; without such a file, ``answer_get`` answers."""
+        """Answer a GET request with the file of the page that has the requested name. If no file has this name,
+        ``answer_get`` answers.
+        """
         name = self.admitted()
         if name is None:
             return
@@ -144,11 +154,13 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.answer_get(name)
 
     def answer_get(self, name: str) -> None:
-        """Answer a request for data, that is, for a name that is not a file."""
+        """Answer a request for data, that is, a request for a name that is not the name of a file of the page."""
         raise NotImplementedError
 
     def do_POST(self) -> None:
-        """Answer a request that changes data. Only the page itself may send such a request, with a JSON object."""
+        """Answer a POST request, which changes data. Only the page itself may send such a request, and its content must
+        be a JSON object.
+        """
         name = self.admitted()
         if name is None:
             return
@@ -167,8 +179,9 @@ class GuardedHandler(BaseHTTPRequestHandler):
         raise KeyError(name)
 
     def answer(self, make: Callable[[], Response]) -> None:
-        """Send the return value of ``make``. If ``make`` raises KeyError, refuse the request as unknown; if it raises
-        AnchorposeError, ValueError, TypeError or OSError, refuse the request with the error's sentence.
+        """Call ``make`` and send the response that it returns. If ``make`` raises KeyError, refuse the request as
+        unknown; if it raises AnchorposeError, ValueError, TypeError or OSError, refuse the request with a sentence that
+        describes the error.
         """
         try:
             response = make()
@@ -180,7 +193,9 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.send(HTTPStatus.OK, response)
 
     def admitted(self) -> str | None:
-        """Return the requested name if token and host are correct; otherwise send a refusal and return None."""
+        """Return the name that a request asks for (its path after the token) if token and host are correct; otherwise
+        send a refusal and return None.
+        """
         name = self.server.guard.path_within(self.path)
         if name is None or not self.server.guard.host_is_ours(self.plain_headers()):
             self.refuse(HTTPStatus.FORBIDDEN, f"Open the address that '{self.server.program}' printed.")
@@ -191,7 +206,8 @@ class GuardedHandler(BaseHTTPRequestHandler):
 
     def refuse(self, status: HTTPStatus, sentence: str) -> None:
         """Send a refusal with a sentence, and end the connection."""
-        self.close_connection = True  # else unread content of this request would count as the next request
+        # otherwise, content of this request that was not read would be taken for the next request
+        self.close_connection = True
         self.send(status, Response(json.dumps({"error": sentence}).encode(), JSON))
 
     def send(self, status: HTTPStatus, response: Response) -> None:
@@ -201,7 +217,9 @@ class GuardedHandler(BaseHTTPRequestHandler):
             self.wfile.write(response.content)
 
     def send_head(self, status: HTTPStatus, kind: str, more: Mapping[str, str]) -> None:
-        """Send status and headers. more: headers in addition to the headers of every answer."""
+        """Send status and headers. more: further headers of this answer, in addition to the headers that every answer
+        has.
+        """
         self.send_response(status)
         self.send_header("Content-Type", kind)
         for name, value in more.items():
@@ -220,7 +238,9 @@ class GuardedHandler(BaseHTTPRequestHandler):
         return {key: self.headers.get(key, "") for key in ("Host", "Origin", "Content-Type")}
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing, since the address contains the token, which must not be logged."""
+        """Log nothing: a log of requests would contain the token, which is part of every request's path and must stay
+        secret.
+        """
 
 
 def _object(text: bytes) -> dict[str, Any]:
@@ -232,8 +252,8 @@ def _object(text: bytes) -> dict[str, Any]:
 
 @cache
 def load_assets() -> dict[str, Response]:
-    """Return the files of the pages by their names in the address. All files are read in advance, so no part of a
-    requested address is used as a path on the disk.
+    """Return the files of the pages, by the names under which the browser asks for them. All files are read in advance,
+    so that no part of a requested address is ever used as a path on the disk.
     """
     return dict(_walk(resources.files("anchorpose.viewer").joinpath("static"), ""))
 
@@ -263,9 +283,10 @@ def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Response]]:
 def opened_page(address: str) -> Iterator[None]:
     """Open ``address`` in the browser through a file that only this user can read, deleted when the block ends.
 
-    Every user of the computer can list the arguments of programs, so the secret address must not be one of them.
+    Every user of the computer can list the arguments with which programs were started, so the secret address must not
+    be an argument of the browser.
     """
-    with tempfile.TemporaryDirectory(prefix="anchorpose-") as folder:  # only this user may enter it
+    with tempfile.TemporaryDirectory(prefix="anchorpose-") as folder:  # only this user may open this folder
         page = Path(folder) / "page.html"
         page.touch(mode=0o600)
         page.write_text(_forwarding(address), encoding="utf-8")

@@ -1,5 +1,5 @@
-"""Compute, in a separate process, the hypotheses of each node of the patient's surface: its possible places in the next
-frame. This takes some seconds to a minute, so hypotheses are computed only if the user asks for them.
+"""Compute, in a separate process, the hypotheses of each node (point of the patient's surface): its possible places in
+the next frame. The computation takes some seconds to a minute, so it is made only if the user asks for it.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Progress(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WorkStatus:
-    """The progress of computing hypotheses, for the page: the row of the results for which hypotheses are computed, the
-    number of frames read so far, and messages.
+    """The progress of computing hypotheses, as the page shows it. position: row in the results of the frame for which
+    hypotheses are computed; frames_read: number of frames read so far; messages: sentences for the user.
     """
 
     progress: Progress
@@ -46,8 +46,8 @@ class WorkStatus:
 
 
 class HypothesisWorker:
-    """A worker that computes hypotheses of one frame at a time; starting with another frame cancels the present
-    computation.
+    """A worker that computes the hypotheses of one frame at a time. If it is started with another frame, it cancels the
+    present computation.
     """
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class HypothesisWorker:
 
     @property
     def status(self) -> WorkStatus:
-        """Return the present state, after reading what the process has sent since the last call."""
+        """Return the present progress, after reading the messages that the process has sent since the last call."""
         with self._lock:
             while self._work is not None and self._work[1].poll():
                 self._receive(self._work[1])
@@ -65,7 +65,7 @@ class HypothesisWorker:
 
     @property
     def data(self) -> bytes:
-        """Return the result of ``hypotheses_of``, packed; empty unless the work is done."""
+        """Return the packed result of ``hypotheses_of``; empty unless the computation is done."""
         with self._lock:
             return self._data
 
@@ -74,10 +74,12 @@ class HypothesisWorker:
         patient_xz_m: the patient's place in the results, None if lost.
         """
         self.cancel()
-        context = multiprocessing.get_context("spawn")  # forking would copy locks that threads of the server hold
+        # not forked: a forked process would have copies of the locks that threads of the server hold at this moment,
+        # and no thread would release these copies
+        context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(theirs, recording, frame, patient_xz_m), daemon=True)
-        with self._lock:  # so that ``cancel`` finds a started process or none
+        with self._lock:  # with the lock, ``cancel`` finds either a process that was started or none
             process.start()
             self._work, self._data = (process, ours), b""
             self._status = WorkStatus(Progress.WORKING, position)
@@ -109,15 +111,17 @@ class HypothesisWorker:
 def hypotheses_of(
     recording: Recording, frame: int, patient_xz_m: tuple[float, float] | None, tick: Any
 ) -> tuple[bytes, tuple[str, ...]]:
-    """Return the surface nodes of a frame and their matches in the next frame, packed; and messages. For each subset of
-    the anchors (extrema of the body's surface), distances to its anchors give one match per node.
+    """Return the surface nodes of a frame with their matches (corresponding places) in the next frame, packed; and
+    messages for the user. For each subset of the anchors (head, hands and feet), a node's distances to the anchors of
+    the subset give one match of the node.
 
-    Arrays: nodes (m, 3) and reached (m, s, 3) float32 world metres, NaN where a subset finds no match; best (m,) int32:
-    index of the subset whose match the track tree (the node's matches over several frames) chose, -1 without a choice;
-    asked (m,) uint8: 1 if the track tree was searched for the node. meta: subsets [[anchor names]]; frames [this,
-    next]. tick: called for each frame read.
+    Packed arrays: nodes (m, 3), the places of the nodes, and reached (m, s, 3), the places of their matches by each
+    subset, float32 metres in the world, NaN where a subset finds no match; best (m,) int32: index of the subset whose
+    match the track tree (the node's matches over several frames) chose, -1 without a choice; asked (m,) uint8: 1 if the
+    track tree was searched for the node. Packed meta data: subsets, a list of the anchors' names for each subset;
+    frames, the numbers of this and of the next frame. tick: called for each frame read.
     """
-    # importing the tracker takes a second, so only this process imports it
+    # importing the tracker takes a second, so only the process that computes hypotheses imports it
     from anchorpose.tracker.config import TrackConfig
     from anchorpose.tracker.inspection import inspect_frame
 

@@ -1,7 +1,8 @@
-"""Pack data for the page as bytes. The page fetches an overview of all frames, the body, and the tables, points and
-surfaces of a few frames per request.
+"""Pack data for the page as bytes (payloads of responses). The page requests an overview of all frames, the body, and
+the tables, points and surfaces of a few frames at a time.
 
-Arrays are sent together: first a short JSON head with each array's position, then the arrays.
+All arrays of a payload are sent together: first a short head in JSON, which states where each array begins, then the
+arrays.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from anchorpose.viewer.depth_frames import DepthFrames
 from anchorpose.viewer.review import Review
 
 MAGIC: Final = b"APV1"
-ALIGNED: Final = 8  # bytes; each array begins at a multiple of this number, as browsers' typed arrays require
+# bytes; each array begins at a multiple of this number of bytes, as the typed arrays of JavaScript require
+ALIGNED: Final = 8
 
 TYPES: Final = ("uint8", "uint16", "int16", "int32", "uint32", "float32", "float64")
 
@@ -33,8 +35,9 @@ def pack(meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return bytes for a page: MAGIC, length of the head (uint32), head, arrays; little-endian, each array at a
     multiple of ``ALIGNED``.
 
-    The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start is counted from the first multiple
-    of ``ALIGNED`` after the head. Raises ValueError for a number type that browsers' arrays do not have.
+    The head is {"meta": meta, "arrays": [{"name", "type", "shape", "start"}]}; start, the byte at which an array
+    begins, is counted from the first multiple of ``ALIGNED`` after the head. Raises ValueError for a number type that
+    browsers' arrays do not have.
     """
     contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     entries, start = [], 0
@@ -56,16 +59,18 @@ def _up(place: int) -> int:
 
 
 MOST_FRAMES: Final = 32  # maximum number of frames whose points or surfaces are in one answer
-SAMPLED: Final = 2000  # approximate number of frames whose joints determine the middle of the view
+# approximate number of frames, spread over the results, whose joints determine the middle of the page's view
+SAMPLED: Final = 2000
 MOST_ROWS: Final = 512  # maximum number of frames whose table rows are in one answer (some hundred kilobytes)
 
 
 def overview_payload(review: Review) -> bytes:
-    """Return one row per frame of the results: time_s (n,) float64 and frame (n,) int32; observed and lost (n,) uint8:
-    the number of joints in these states; unexplained (n,), if the results have it: as in
-    ``results.explained.unexplained``.
+    """Return packed arrays with one entry per frame of the results: time_s (n,) float64 and frame (n,) int32, the
+    frame's number; observed and lost (n,) uint8: the number of joints in these states; unexplained (n,), if the results
+    have it: as in ``results.explained.unexplained``.
 
-    meta: middle_m, the patient's median position, and lowest_m, the height of the lowest joint; null where unknown.
+    meta: middle_m, the median position of the patient's joints, and lowest_m, the height of the lowest joint in all
+    frames; null if unknown.
     """
     joints = review.joints
     arrays: dict[str, np.ndarray] = {
@@ -85,7 +90,8 @@ def overview_payload(review: Review) -> bytes:
 
 
 def motion_payload(review: Review, first: int, count: int) -> bytes:
-    """Return the tables of the frames from row ``first`` on, in metres and the world frame, NaN where unknown.
+    """Return the packed tables of ``count`` frames from row ``first`` of the results on, in metres and the world frame,
+    NaN where unknown.
 
     joints (n, 21, 3), sigma (n, 21), state (n, 21) uint8 of ``JointState``, angles, angle_sigma, angle_state (n, a),
     and, if the results have them, poses (n, 21, 7: head of the bone, quaternion w x y z) and anchors (n, 5, 4:
@@ -111,7 +117,8 @@ def motion_payload(review: Review, first: int, count: int) -> bytes:
 
 
 def curves_payload(review: Review, first: int, count: int) -> bytes:
-    """Return the angle curves of the frames from row ``first`` on, thinned to as many points as a screen can show.
+    """Return the packed curves of all joint angles over ``count`` frames from row ``first`` of the results on, reduced
+    to as many points as a screen can show.
 
     Points are ordered by angle, then by time. start (a + 1,) int32: where each angle's points begin. row (m,) int32:
     row of each point in the results; degrees and sigma (m,) float32, state (m,) uint8: the values in that row. broken
@@ -135,25 +142,29 @@ def curves_payload(review: Review, first: int, count: int) -> bytes:
 
 
 def pieces(degrees: np.ndarray, paused: np.ndarray) -> np.ndarray:
-    """Return (n, angles) the number of the piece of a curve to which each frame belongs. A piece ends before a frame
-    that is ``paused`` (n,) bool, and where the angle (n, angles) jumps by more than half a turn, as from 180 to -180.
+    """Return (n, angles): for each frame and angle, the number of the unbroken piece of the angle's curve to which the
+    frame belongs. A piece ends before a frame that follows a pause (``paused`` (n,) bool), and where the angle
+    ``degrees`` (n, angles) jumps by more than half a turn, for example from 180 to -180.
     """
     jumps = np.abs(np.diff(degrees, axis=0, prepend=degrees[:1])) > 180.0
     return np.cumsum(jumps | paused[:, None], axis=0)
 
 
 INTERVALS: Final = 800
-"""Number of intervals into which the time shown in a chart is divided; a chart is some 400 pixels wide."""
+"""Number of intervals into which the time shown in a chart is divided: two per pixel, since a chart is some 400 pixels
+wide.
+"""
 
 KEPT: Final = 5
 """Maximum number of frames kept per interval and angle: the frames with the smallest value, the largest value, the
-largest sigma, the first unknown angle and the first inferred angle. So every peak, gap and inferred part stays visible.
+largest sigma, the first unknown angle and the first inferred angle. With these frames, every peak, gap and inferred
+part of a curve stays visible.
 """
 
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
-    """Return, for each angle, the rows of the arrays (n, angles) to draw, in ascending order; all rows if the arrays
-    have few.
+    """Return, for each angle, the rows of the arrays (n, angles) that the chart draws, in ascending order: at most
+    ``KEPT`` rows per interval, or all rows if the arrays have few rows.
     """
     count, angles = degrees.shape
     size = count // INTERVALS  # number of frames in an interval
@@ -172,15 +183,15 @@ def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) 
 
 
 def rays_payload(depth_frames: DepthFrames) -> bytes:
-    """Return the ray of each pixel of each camera: ``rays<i>`` (height, width, 2) float32, x/z and y/z, camera
-    frame.
+    """Return the packed rays (lines of sight) of all pixels of each camera: ``rays<i>`` (height, width, 2) float32, x/z
+    and y/z, camera frame.
     """
     return pack({}, {f"rays{number}": camera.pixel_rays() for number, camera in enumerate(depth_frames.cameras)})
 
 
 def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool) -> bytes:
-    """Return the pixels of ``count`` frames from row ``first`` of the results on: points (m, 4) uint16 as
-    ``DepthFrames.points``.
+    """Return the packed pixels of ``count`` frames from row ``first`` of the results on: points (m, 4) uint16 as
+    ``DepthFrames.points`` returns them.
 
     Pixels are ordered by frame, then by camera; meta: ``counts`` has one list per frame, with one number of pixels per
     camera. A point in the world is ``T_world_camera @ (ray x, ray y, 1) * grey * depth_scale``.
@@ -196,10 +207,11 @@ def points_payload(depth_frames: DepthFrames, first: int, count: int, room: bool
 
 
 def surface_payload(depth_frames: DepthFrames, first: int, count: int) -> bytes:
-    """Return the patient's surface of some frames: vertices (v, 3) int16 millimetres, world; faces (f, 3) uint32.
+    """Return the packed surface of the patient in ``count`` frames from row ``first`` of the results on: vertices (v,
+    3) int16, millimetres in the world; faces (f, 3) uint32.
 
-    meta: ``counts`` has the numbers of [vertices, faces] of each frame. Faces are indices that begin with 0 at the
-    first vertex of their frame.
+    meta: ``counts`` has the numbers of [vertices, faces] of each frame. Faces are indices of vertices, counted from 0
+    at the first vertex of the same frame.
     """
     frames = [depth_frames.surface(position) for position in _positions(depth_frames, first, count)]
     meta = {"first": first, "counts": [[len(vertices), len(faces)] for vertices, faces in frames]}
@@ -228,13 +240,15 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-# Maximum number of bones that move a vertex of the body on the page. With all bones, a vertex would be elsewhere by at
-# most 5 mm.
+# Maximum number of bones that move a vertex of the body's skin on the page. If all its bones moved it, the vertex would
+# be elsewhere by at most 5 mm.
 INFLUENCES: Final = 4
 
 
 def moving_ancestor(asset: BodyAsset) -> np.ndarray:
-    """Return (b,) the row of ``MOVING_BONES`` that moves each bone: the bone itself, or its nearest moving ancestor."""
+    """Return (b,): for each bone, the index in ``MOVING_BONES`` of the bone that moves it: the bone itself or, if it
+    does not move on its own, its nearest ancestor that does.
+    """
     row_of = {asset.bone(name): row for row, name in enumerate(MOVING_BONES)}
     carried = np.zeros(len(asset.bone_names), np.int64)
     for bone, parent in enumerate(asset.bone_parents.tolist()):
@@ -243,7 +257,7 @@ def moving_ancestor(asset: BodyAsset) -> np.ndarray:
 
 
 def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
-    """Return the arrays of the page's body; None if no body was learnt.
+    """Return the arrays from which the page draws the patient's body; None if no body was learnt in the run.
 
     vertices (v, 3) and normals (v, 3) float32 at rest, faces (f, 3) uint32, bones (v, 4) uint8 rows of
     ``MOVING_BONES``, weights (v, 4) float32, heads (21, 3) float32: the centres of rotation at rest. A posed vertex is
@@ -267,7 +281,7 @@ def body_skin(run: dict[str, Any]) -> dict[str, np.ndarray] | None:
 
 def _heaviest(bones: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ``INFLUENCES`` bones with the largest weight on each vertex, and these weights, scaled so that their
-    sum is 1. Bones that move together count as one.
+    sum is 1. Bones that move together count as a single bone.
     """
     total = np.zeros((len(bones), len(MOVING_BONES)))
     np.add.at(total, (np.arange(len(bones))[:, None], bones), weights)

@@ -1,8 +1,9 @@
-"""Serve the page for blinded raters, which shows trials in random order, and nothing that reveals their condition or
-number.
+"""Serve the page for blinded raters (people who score trials without knowing their condition). The page shows the
+trials in random order, and nothing that reveals the condition or number of a trial.
 
-The page gets the trials, in the order shown, as a single recording, whose frame numbers and times begin at 0. So no
-request of the page states a trial, a frame of the recording, or a time of the session.
+The server sends the trials to the page, in the order shown, as if they were a single recording, whose frame numbers and
+times begin at 0. So no request of the page contains the number of a trial, a frame number of the recording, or a time
+of the session.
 """
 
 from __future__ import annotations
@@ -40,17 +41,21 @@ from anchorpose.viewer.review import Review, describe_scene, locked, open_review
 from anchorpose.viewer.server import ReviewApi, ReviewServer
 
 APART_S: Final = 1.0
-"""Gap in s between two trials on the clock of the page, whose times must increase. The gap is not played."""
+"""Gap in s between two trials in the times that the page gets, since these times must increase from trial to trial. The
+page does not play the gap.
+"""
 
 SEED_BITS: Final = 32
 
 
-Spans = tuple[tuple[int, int], ...]  # the first and the last row of each trial, in the order shown
+# the first and the last row of each trial in the blinded frames, in the order shown
+Spans = tuple[tuple[int, int], ...]
 
 
 def blind(review: Review, trials: Sequence[Trial]) -> tuple[Review, Spans]:
-    """Return the frames of all trials in the given order, without names, angles, contacts and notes, and with other
-    frame numbers and times than in the session; and the rows of each trial.
+    """Return the frames of all trials in the given order, without names, angles, contacts, anchors and the table
+    ``explained``, and with other frame numbers and times than in the session. Also return the first and the last row of
+    each trial in these frames.
     """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
@@ -86,10 +91,10 @@ def _page_time_s(time_s: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
 
 
 class ScoreFile:
-    """A writer of one rater's scores. For each score, the rater's file is locked and read again. If it does not exist,
-    it is made with a random order of the trials.
+    """A writer of one rater's scores to the rater's file. For each score, the file is locked and read again. If the
+    file does not exist, it is made with a random order of the trials.
 
-    Raises InputError if the file cannot be used, or is about another session or rater.
+    Raises InputError if the file cannot be used, or contains scores of another session or another rater.
     """
 
     def __init__(self, path: Path, rater: str, session: str, trials: Sequence[int]) -> None:
@@ -110,8 +115,8 @@ class ScoreFile:
         return found
 
     def give(self, shown: Any, score: Any) -> Ratings:
-        """Write the score of the trial that is shown as number ``shown``, counted from 1; raises ValueError if number
-        or score is invalid.
+        """Write a score to the file. shown: position of the scored trial in the order shown, counted from 1. Raises
+        ValueError if this position or the score is invalid.
         """
         if type(score) is not int or not 0 <= score <= BEST_SCORE:
             raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")
@@ -125,7 +130,7 @@ class ScoreFile:
 
 
 class RatingApi(ReviewApi):
-    """The answers to requests of the page for raters; no answer states a condition or the number of a trial."""
+    """The answers to requests of the page for raters. No answer contains the condition or the number of a trial."""
 
     def __init__(self, review: Review, spans: Spans, scores: ScoreFile) -> None:
         super().__init__(review)
@@ -152,7 +157,8 @@ class RatingServer(ReviewServer):
 
 
 def open_rating(results: Path, recording: Path | None, rater: str, host: str, port: int) -> RatingServer:
-    """Return a server that listens; the scores go to the file ``ratings_beside`` the results folder.
+    """Return a server, already listening, of the page on which a rater scores the trials of results. The scores are
+    written to the file that ``ratings_beside`` names, beside the results folder.
 
     Raises InputError if results, recording or scores cannot be used or the results have no trials, AnchorposeError if
     the server cannot listen on ``host`` and ``port``.
@@ -169,8 +175,8 @@ def open_rating(results: Path, recording: Path | None, rater: str, host: str, po
 
 
 def require_initials(results: Path, rater: str) -> str:
-    """Return the rater's initials in capitals; raises InputError, which names the results to be rated, for invalid
-    initials.
+    """Return the rater's initials in capital letters. Raises InputError for invalid initials; the error states the
+    results folder that was to be rated.
     """
     try:
         return parse_initials(rater)

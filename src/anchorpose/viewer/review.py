@@ -1,7 +1,7 @@
-"""Provide the data that the viewer shows: the tables, the recording, the frames that users should check first, and the
-file of corrections.
+"""Provide the data of a review, which the viewer shows: the tables of the results, the recording, the frames that users
+should check first, and the reviewer's file of corrections.
 
-Only one program at a time may change corrections; a lock file beside the file of corrections ensures this.
+Only one program at a time may change the file of corrections; a lock file beside it ensures this.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from anchorpose.viewer.depth_frames import DepthFrames, open_depth_frames
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Review:
-    """The tables and the recording of a review. poses, anchors, explained: None in results of a release that did not
-    store them. depth_frames: None without a recording.
+    """The tables of a results folder and the recording from which they were made. poses, anchors, explained: None in
+    results of an older release, which did not store them. depth_frames: None if the recording was not given.
     """
 
     name: str
@@ -57,8 +57,8 @@ class Review:
 
     @property
     def first_s(self) -> float:
-        """Return the time from which the page counts seconds: that of the recording's first frame, or of the first
-        tracked frame if ``run.json`` does not state when the recording began.
+        """Return the time from which the page counts seconds: the time of the recording's first frame or, if
+        ``run.json`` does not state when the recording began, the time of the first tracked frame.
         """
         return float(self.joints.time_s[0] if self._recorded_s is None else self._recorded_s)
 
@@ -70,22 +70,24 @@ class Review:
 
     @property
     def _recorded_s(self) -> float | None:
-        """Return when the recording began; None if ``run.json`` does not state it, or if it is unknown because the
-        first camera measured nothing.
+        """Return the time at which the recording began, in s; None if ``run.json`` does not state this time, or if it
+        is unknown because the first camera measured nothing.
         """
         return (self.run.get("recorded") or {}).get("first_s")
 
     @property
     def matched_share(self) -> np.ndarray:
-        """Return (n,) share of the followed surface points that were matched in the next frame; NaN without such
-        points.
+        """Return (n,): for each frame, the share of the followed points of the patient's surface that were matched
+        (found again) in the next frame; NaN if no points were followed.
         """
         share = matched_share(self.run, len(self.joints.frame))
         return np.full(len(self.joints.frame), np.nan) if share is None else share
 
 
 def open_review(results: Path, recording: Path | None) -> Review:
-    """Open a review; raises InputError if the results are unreadable, or were made from another recording."""
+    """Read the results, and the recording if it is given; raises InputError if the results cannot be read, or were made
+    from another recording.
+    """
     if not results.is_dir():
         raise InputError(results, "there is no such folder", "give a results folder made by 'anchorpose track'")
     joints, run = JOINTS.read(results / JOINTS.file), read_run(results / RUN_FILE)
@@ -141,7 +143,9 @@ def describe(review: Review) -> dict[str, Any]:
 
 
 def describe_scene(review: Review) -> dict[str, Any]:
-    """Return the data that every page needs to draw the frames of a review, without results of tracking."""
+    """Return the data that every page needs before it draws the frames of a review: names, cameras and equipment, but
+    no results of tracking.
+    """
     depth_frames = review.depth_frames
     return {
         "frames": len(review.joints.frame),
@@ -185,14 +189,19 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
     return {"vertices": vertices.round(4).ravel().tolist(), "faces": faces.ravel().tolist()}
 
 
-APART_S: Final = 1.0  # s, minimum time between two listed frames; frames nearer in time show the same situation
-MOST_OF_A_KIND: Final = 12  # maximum number of listed frames with the same kind of reason
-FEW_MATCHED: Final = 0.9  # share of matched surface points below which a frame is listed; good recordings: 0.95 to 1
+# s, minimum time between two frames in the list of frames to check; frames nearer in time show the same situation
+APART_S: Final = 1.0
+MOST_OF_A_KIND: Final = 12  # maximum number of frames to check that are listed for the same kind of reason
+# minimum share of matched surface points (``Review.matched_share``); a frame with less is listed; in good recordings,
+# it is 0.95 to 1
+FEW_MATCHED: Final = 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class WorstFrame:
-    """A row of the results to check, the reason in words, and the joint concerned, if the reason is about a joint."""
+    """A frame that the user should check: its row in the results, the reason in words, and the joint that the reason is
+    about, if any.
+    """
 
     position: int
     reason: str
@@ -200,8 +209,8 @@ class WorstFrame:
 
 
 def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
-    """Return the moments at which the pose fits the depth images worst, as in run.json and the report; the worst comes
-    first.
+    """Return the frames in which the pose fits the depth images worst, the worst first. They are the same as in
+    run.json and the report.
     """
     rows = {int(number): row for row, number in enumerate(table.frame)}
     return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
@@ -210,11 +219,12 @@ def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
 def worst_frames(
     joints: JointTable, matched_share: np.ndarray, dropped: Sequence[dict[str, Any]]
 ) -> tuple[WorstFrame, ...]:
-    """Return frames to check: first frames with lost joints, then with unusable depth images, few matches, large sigma.
+    """Return frames to check: first frames with lost joints, then frames with unusable depth images, then frames with
+    few matches, then frames with a large sigma.
 
     matched_share (n,): as in ``Review``. For each kind of reason, the worst frame comes first, then the worst frame
-    that is at least a second away from it, and so on. A run of frames with unusable depth images (``dropped``) is
-    listed by its first frame; the longest run is the worst.
+    that is at least a second away from it, and so on. Of successive frames with unusable depth images (``dropped``),
+    only the first is listed; the longest such series is the worst.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -247,8 +257,8 @@ def _lost(lost: np.ndarray) -> str:
 
 
 PATIENCE_S: Final = 10.0
-"""Maximum waiting time in s for the lock. A change takes milliseconds, so a program that holds the lock for so long has
-stopped working.
+"""Maximum waiting time in s for the lock. A change of a file takes milliseconds, so a program that holds the lock for
+so long has stopped working.
 """
 
 POLL_S: Final = 0.005
@@ -256,11 +266,10 @@ POLL_S: Final = 0.005
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold the lock of a file until the block ends, so that other threads and programs that lock the same file must
-    wait.
+    """Lock a file until the ``with`` block ends, so that other threads and programs that lock the same file must wait.
 
-    The operating system holds the lock, so a program that crashes leaves no lock behind; the empty lock file stays.
-    Raises InputError if another program holds the lock for ``PATIENCE_S``, or if no lock is possible.
+    The operating system releases the lock if the program crashes, so that no other program waits in vain; the empty
+    lock file stays. Raises InputError if another program holds the lock for ``PATIENCE_S``, or if no lock is possible.
     """
     lock = FileLock(path.with_name(f".{path.name}.lock"))
     try:
@@ -278,7 +287,8 @@ def locked(path: Path) -> Iterator[None]:
 
 
 class CorrectedMeanwhile(ValueError):
-    """The refusal of a correction whose reviewer has not seen the present one of the same joint, or of the patient.
+    """The refusal of a correction because the valid correction of the same joint, or of the patient, is not the one
+    that the page showed to the reviewer: it was added, replaced or withdrawn meanwhile.
 
     current: all corrections at present.
     """
@@ -294,12 +304,12 @@ class CorrectedMeanwhile(ValueError):
 
 
 class CorrectionFile:
-    """A file of corrections to which entries are added and from which they are withdrawn.
+    """A file of corrections, to which corrections are added and in which they are withdrawn.
 
     For each change, the file is locked and read again, so that several viewers can change it at the same time. initial:
-    the corrections that are valid while the file does not exist. The first change writes these corrections to the file,
-    too, so that corrections from an earlier review, with which the results were tracked, are kept. Raises InputError if
-    the file cannot be used, or is about another recording or other camera poses.
+    the corrections that are valid while the file does not exist, which are the corrections with which the results were
+    tracked. The first change writes these corrections to the file, too, so that they are kept. Raises InputError if the
+    file cannot be used, or is about another recording or other camera poses.
     """
 
     def __init__(self, path: Path, initial: Corrections, joints: JointTable) -> None:
@@ -318,9 +328,9 @@ class CorrectionFile:
     def add(self, given: dict[str, Any], replaces: dict[str, Any] | None = None) -> Corrections:
         """Add a correction. The times of its frames and the present time, in the field ``when``, are filled in here.
 
-        replaces: the valid correction of the same joint, or of the patient, exactly as in the file; None if the
-        reviewer saw none. Raises InputError if the correction cannot be added, CorrectedMeanwhile if another correction
-        than ``replaces`` is valid.
+        replaces: the correction of the same joint, or of the patient, that the page showed to the reviewer as valid,
+        exactly as in the file; None if it showed none. Raises InputError if the correction cannot be added,
+        CorrectedMeanwhile if another correction than ``replaces`` is valid.
         """
         timed = {**given, "when": now_utc()}
         for frame, time_key in (("first_frame", "start_s"), ("last_frame", "end_s"), ("frame", "time_s")):
@@ -337,8 +347,9 @@ class CorrectionFile:
         return after
 
     def take_back(self, given: dict[str, Any]) -> Corrections:
-        """Move a correction to the withdrawn ones. given: ``entry``, the correction exactly as in the file, and
-        ``who``, the user's name or initials. Raises InputError, or ValueError if the entry does not exist.
+        """Withdraw a correction: move it to the list of withdrawn corrections in the file. given: ``entry``, the
+        correction exactly as in the file, and ``who``, the user's name or initials. Raises InputError, or ValueError if
+        the entry does not exist.
         """
         withdrawal = validate(Path("correction"), Withdrawal, {**given, "when": now_utc()})
         with locked(self.path):
@@ -353,7 +364,7 @@ class CorrectionFile:
 
 
 def valid_corrections(corrections: Corrections) -> dict[str, Any]:
-    """Return the corrections that are not withdrawn, in the form that the page reads."""
+    """Return the corrections that are valid (not withdrawn), as values for JSON in the form that the page reads."""
     return {
         "unusable": as_json(corrections.unusable),
         "joints": as_json(corrections.joints),

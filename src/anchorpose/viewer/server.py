@@ -1,5 +1,5 @@
-"""Define the servers of pages that show a review (the tables of a results folder and its recording), with a table of
-all requests and the functions that answer these requests.
+"""Define the servers of pages that show a review (the tables of a results folder and its recording). Each server has a
+table of all requests, with the function that answers each request.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ from anchorpose.viewer.review import (
 
 
 class ReviewApi:
-    """The answers to requests that every page about a review makes: the review's frames, and the data to draw them.
+    """The answers to the requests that every page about a review makes: requests for the review's frames, and for the
+    data with which the page draws them.
 
-    Raises KeyError for an unknown request, ValueError or AnchorposeError for a wrong one.
+    Raises KeyError for an unknown request, ValueError or AnchorposeError for a request that cannot be answered.
     """
 
     def __init__(self, review: Review) -> None:
@@ -50,11 +51,11 @@ class ReviewApi:
         self._post: dict[str, Callable[[dict[str, Any]], Response]] = {}
 
     def get(self, name: str, query: Mapping[str, str]) -> Response:
-        """Answer a request that changes nothing."""
+        """Return the answer to a request that changes nothing. name: the request's name; query: its parameters."""
         return self._get[name](query)
 
     def post(self, name: str, body: dict[str, Any]) -> Response:
-        """Answer a request that changes data; body: its JSON object."""
+        """Return the answer to a request that changes data. name: the request's name; body: its JSON object."""
         return self._post[name](body)
 
     def close(self) -> None:
@@ -73,7 +74,7 @@ class ReviewApi:
         return Response(payloads.points_payload(self._depth_frames(), first, count, query.get("room") == "1"), BYTES)
 
     def _surface(self, query: Mapping[str, str]) -> Response:
-        with self._compiling:  # the first call compiles kernels: two calls at once would compile them twice
+        with self._compiling:  # the first call compiles functions; if two calls ran at once, both would compile them
             return Response(
                 payloads.surface_payload(self._depth_frames(), int(query["first"]), int(query["count"])), BYTES
             )
@@ -86,7 +87,9 @@ class ReviewApi:
 
 
 class ViewerApi(ReviewApi):
-    """The answers to the viewer's requests: in addition to ``ReviewApi``, curves, corrections and hypotheses."""
+    """The answers to the viewer's requests: in addition to the answers of ``ReviewApi``, curves of joint angles,
+    corrections, and hypotheses (possible places of surface points in the next frame).
+    """
 
     def __init__(self, review: Review, corrections: CorrectionFile, who: str) -> None:
         super().__init__(review)
@@ -114,8 +117,9 @@ class ViewerApi(ReviewApi):
         self.worker.cancel()
 
     def _add(self, body: dict[str, Any]) -> Response:
-        """Add a correction. ``replaces`` in the body: as in ``CorrectionFile.add``. If another reviewer was first, the
-        answer has the present corrections and a sentence, ``refused``.
+        """Add a correction. ``replaces`` in the body: as in ``CorrectionFile.add``. If another reviewer has changed the
+        same correction meanwhile, nothing is added, and the answer contains the present corrections and, as
+        ``refused``, a sentence for the user.
         """
         given = {name: value for name, value in body.items() if name != "replaces"}
         try:
@@ -160,7 +164,9 @@ class ReviewServer(GuardedServer):
     program = "anchorpose view"
 
     def __init__(self, api: ReviewApi, host: str, port: int) -> None:
-        self.api = api  # set first, since ``server_close``, which is called if listening fails, uses it
+        # set before the base class is initialised: if listening fails, ``server_close`` is called, which uses this
+        # field
+        self.api = api
         super().__init__(host, port, _Handler)
 
     def server_close(self) -> None:
@@ -170,7 +176,7 @@ class ReviewServer(GuardedServer):
 
 
 class ViewerServer(ReviewServer):
-    """The server of the viewer."""
+    """The server of the viewer's page."""
 
     page = VIEWER_PAGE
     api: ViewerApi
@@ -190,10 +196,12 @@ class _Handler(GuardedHandler):
 def open_viewer(
     results: Path, recording: Path | None, corrections: Path | None, who: str, host: str, port: int
 ) -> ViewerServer:
-    """Return a server that listens; corrections: the file to extend, by default ``corrections_beside`` the results.
+    """Return the server of the viewer, already listening. corrections: the file to which corrections are added, by
+    default the file that ``corrections_beside`` names, beside the results.
 
-    A new file begins with the corrections that the results were tracked with. Raises InputError if results,
-    recording or corrections cannot be used, AnchorposeError if the server cannot listen on ``host`` and ``port``.
+    A new file of corrections begins with the corrections with which the results were tracked. Raises InputError if
+    results, recording or corrections cannot be used, AnchorposeError if the server cannot listen on ``host`` and
+    ``port``.
     """
     review = open_review(results, recording)
     if corrections is not None and not corrections.exists():

@@ -1,4 +1,6 @@
-"""Read labels (pixels of joints, set by eye in real depth images); compare them with other labels or tracked joints."""
+"""Read labels (pixels of joints, set by eye in real depth images); compare two labellers' labels with each other, or
+labels with tracked joints.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-# px, from a label to the sides of a square; the median depth in the square counts as the skin's depth
+# px, distance from a label to the outermost rows and columns of a square; the median depth in this square counts as the
+# depth of the skin
 PATCH_PX: Final = 3
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
@@ -82,8 +85,8 @@ def skin_depth_m(depth_m: np.ndarray, place: tuple[float, float]) -> float:
 
 
 def place_of(person: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """Return (3,) world: the middle of a labelled trunk; None if no joint of ``TRUNK`` has both a label and a depth
-    reading.
+    """Return the position (3,), metres, world, of the middle of a labelled trunk; None if no joint of ``TRUNK`` has
+    both a label and a depth reading.
     """
     found = []
     for name in TRUNK:

@@ -19,7 +19,7 @@ compared.
 """
 
 SECONDS: Final = 6.0
-FPS: Final = 10.0  # frames per second: the frames (samples) of the paper are about a tenth of a second apart
+FPS: Final = 10.0  # frames per second; the paper's samples (frames), too, are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Number of frames from the first to the second frame of a pair, by task. In these tasks, nodes are matched."""
 
@@ -33,7 +33,7 @@ TASKS: Final = (*GAPS, *TRACKING, CLINIC)
 
 
 class Part(StrEnum):
-    """A part of the benchmark: recordings for developing a method, or recordings for the figures of the leader
+    """A part of the benchmark: recordings for developing a method, or recordings for the numbers on the leader
     board.
     """
 
@@ -92,7 +92,7 @@ class Group:
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs of frames to be matched, in the recording without holes; a clinic has none."""
+        """Return the pairs of frames to be matched, in the recording without holes; a clinic has no such pairs."""
         if self.is_clinic:
             return ()
         return tuple(

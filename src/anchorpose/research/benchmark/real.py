@@ -1,4 +1,6 @@
-"""Score answers about joints in the user's real recordings by labels set by eye: a second part of the benchmark."""
+"""Score answers about joints in the user's real recordings, by comparison with labels set by eye. This is a second part
+of the benchmark.
+"""
 
 from __future__ import annotations
 

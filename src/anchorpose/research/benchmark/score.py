@@ -43,7 +43,7 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskScore:
-    """The figures of one task over all recordings; None = no data for this figure.
+    """The statistics of the errors in one task over all recordings; None = no data for this statistic.
 
     ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm cover only questions that are
     answered by a node or a position.
@@ -70,7 +70,7 @@ class Score:
 
     answers: Answers
     part: Part
-    # a sentence per recording of the part whose fingerprint is not the published fingerprint
+    # a sentence for each recording of the part whose fingerprint differs from the published fingerprint
     other_bytes: tuple[str, ...]
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
     # questions of the tasks in ``tasks``, by task and name of the group (recordings of a seed)
@@ -129,7 +129,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the figures of a task over all recordings. each: one entry per recording, with the questions about it."""
+    """Return the statistics of the errors in a task over all recordings. each: per recording, the questions about it."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]
@@ -151,8 +151,8 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return, by task, the differences ``one`` minus ``other`` in two figures, with 95 % intervals (keys in _low and
-    _high).
+    """Return, by task, the differences ``one`` minus ``other`` in two statistics (mm, within_50mm), with the ends of
+    their 95 % intervals (keys that end in _low and _high).
 
     mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
     questions with an error of at most 50 mm, positive if ``one`` is better. Intervals come from the bootstrap over

@@ -1,4 +1,6 @@
-"""Compute true places of a frame's nodes in another frame, and the distances of matches from them along the skin."""
+"""Compute the true places, in another frame, of a frame's nodes (points of the patient's surface), and the distances
+along the skin from these places to matches.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,7 @@ class PairTruth:
 
 
 def truth_of(group: Path, pair: Pair, skin: Skin) -> PairTruth:
-    """Return the truth about a pair. group: the folder of its group; skin: skin of the group's simulation."""
+    """Return the truth about a pair. group: the folder of the pair's group; skin: skin of the group's simulation."""
     first, second = (read_nodes(group / NODES / Path(name).name) for name in (pair.first, pair.second))
     places = skin.follow(first, pair.first_frame, pair.second_frame, second)
     return PairTruth(skin, pair, first, second, places)

@@ -129,9 +129,9 @@ def cut_holes(recording: Recording, out: Path, centre_m: np.ndarray, chosen: np.
 
     centre_m (t, 3): mean position of the patient's visible surface, world. This position lies inside the body, so the
     hole's centre is the reading nearest to this position. In frames in which ``centre_m`` is NaN, the body was not
-    seen, and no hole is cut. chosen (t,) bool: the frames to change. Images from which no reading is removed are
-    linked, not copied. Returns (t,) bool: the frames that lost readings. Raises InputError for a recording with several
-    cameras, since this function cannot tell which of their images belong together.
+    seen, and no hole is cut. chosen (t,) bool: the frames to change. For an image from which no reading is removed, the
+    copy has a link to the image. Returns (t,) bool: the frames that lost readings. Raises InputError for a recording
+    with several cameras, since this function cannot tell which of their images belong together.
     """
     if len(recording.cameras) != 1:
         raise InputError(recording.folder, "has several cameras", "holes are cut in recordings of one camera only")

@@ -76,7 +76,7 @@ class ExperimentConfig:
     recordings: Count = 20  # number of recordings; with 150 frames each, they have 3,000 frames, as in the paper
     seconds: Positive = 15.0  # s, duration of each recording of the paper's scene
     fps: Annotated[Positive, Field(le=30)] = 10.0
-    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of holes; 0 = no hole
+    holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of the holes that are cut into depth images; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
     # Number of frames in a segment of a recording, one second by default. In the first frame of each segment, the pose
     # is given to the methods.
@@ -103,7 +103,7 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
-    # whether settings are chosen on the training recordings; False: every method uses its first setting
+    # whether each method's setting is chosen on the training recordings; False: every method uses its first setting
     tuned: bool = True
     # whether pictures of matches, hypotheses and tracked joints are drawn; False: only tables and figures
     pictures: bool = True

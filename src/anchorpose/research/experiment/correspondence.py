@@ -1,4 +1,6 @@
-"""Compute true correspondence: where a skin point, which a node shows in a simulated frame, is in another frame."""
+"""Compute the true correspondence of simulated surfaces: for each node (point of the patient's mesh) of a frame, the
+place in another frame to which the skin point at this node has moved.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,10 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-# m, distance from a skin point to the nearest node up to which the point is seen; twice the spacing of nodes
+# m, maximum distance from a skin point to the nearest node for the point to count as seen; twice the spacing of nodes
 SEEN_M = 0.025
 ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
-SPACING_M = 0.04  # m, spacing of the points between which distances along the skin are computed
+SPACING_M = 0.04  # m, spacing of the sampled skin points between which distances along the skin are computed
 
 REGIONS = {
     "head": ("Head", "Neck"),

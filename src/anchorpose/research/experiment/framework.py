@@ -1,7 +1,7 @@
-"""Run methods in the paper's tracking framework (Section V), from a given pose.
+"""Run methods in the paper's tracking framework, from a given pose.
 
-The methods differ in how they match nodes of the surface between frames. A few methods also differ in the options of
-``Way``.
+The methods differ in how they match the nodes of the patient's mesh in two frames (Section V of the paper). A few
+methods also differ in the options of ``Way`` or in settings of the tracker.
 """
 
 from __future__ import annotations
@@ -27,16 +27,19 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-# m, stands for the patient's unknown height in an observation without anchors: only the search for anchors needs it
+# m, stands for the patient's unknown height in an observation without anchors, since only the search for anchors needs
+# the height
 NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
-ANYWHERE_M = 10.0  # m, radius within which matches are searched; all nodes lie within it, as in the paper
-ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that all nodes are tracked
+# m, radius around a node's predicted place in which matches are searched, so large that all nodes are searched, as in
+# the paper
+ANYWHERE_M = 10.0
+ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that it tracks all nodes
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
-"""The paper's limit of the change of a node's distance to an anchor between two frames. The first part of the limit is
-for the anchor's jitter: 5 cm, as in the paper. The second part is for noise of the surface and is proportional to the
-node's distance to the anchors. The paper calls this part a "linear function" without numbers; here it is 1 cm per
-metre.
+"""The paper's limit of the change of a node's distance to an anchor between two frames, as a sum of two parts. The
+first part, 5 cm as in the paper, allows for the anchor's jitter. The second part allows for noise of the surface; it is
+proportional to the node's mean distance to the anchors. The paper calls this part a "linear function" and states no
+numbers; here it is 1 cm per metre.
 """
 
 
@@ -49,7 +52,7 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
     """
     return TrackConfig(
         method=Method.PARTS,
-        clocks=ClockConfig(estimate=False),  # ``Reference`` already has the cameras' clocks
+        clocks=ClockConfig(estimate=False),  # clocks are not estimated again, since ``Reference`` has them
         tree=TreeConfig() if form.rejects else TreeConfig(missed_cost_m=NEVER_M),
         surface=SurfaceConfig(by_body=False),
         hypotheses=HypothesisConfig(trusted_only=False),
@@ -61,7 +64,9 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use it."""
+    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use this
+    room.
+    """
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 

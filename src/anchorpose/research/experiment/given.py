@@ -209,7 +209,9 @@ class GivenFrames:
         return self._surfaces[key]
 
     def _views(self, position: int) -> tuple[View | None, ...]:
-        """Return each camera's depth frame with its given labels. Pixels whose reading a hole removed have no label."""
+        """Return each camera's depth frame with the given label of each pixel. Pixels whose reading a hole removed have
+        no label.
+        """
         before = None if self._uncut is None else self._uncut.frame(position)
         views = list[View | None]()
         for number, depth_m in enumerate(self.frame(position).depths_m):

@@ -1,4 +1,4 @@
-"""Measure how far matches of nodes are from the true correspondence.
+"""Measure how far matches of nodes (points of the patient's mesh) are from the true correspondence.
 
 Matches are compared in windows. A window is a frame of a recording and the frames of its look-ahead, the next frames
 that the track tree uses. In a window, all methods match the same meshes.
@@ -101,8 +101,8 @@ def draw_some(frames: Sequence[int], wanted: int, seed: int) -> list[int]:
     return sorted(int(frame) for frame in rng.choice(np.asarray(frames), size=count, replace=False))
 
 
-# Number of nodes per window whose matches are compared with the truth: enough for a mean, and few enough to store the
-# errors of every node.
+# Number of nodes per window whose matches are compared with the truth: enough for an accurate mean, and few enough to
+# store the errors of all these nodes.
 COMPARED = 400
 
 

@@ -27,7 +27,7 @@ PROPOSED: Final = "anchors"
 """Key of the paper's method with the repairs that docs/experiment.md lists."""
 
 LITERAL: Final = "paper"
-"""Key of the paper's method exactly as its text describes it."""
+"""Key of the paper's method, exactly as the paper's text describes the method."""
 
 OWN: Final = "own"
 """Key of this project's tracker. Other methods of ``Family.TRACKER`` are this tracker without one of its components."""

@@ -29,7 +29,8 @@ NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm 
 TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
-SIGMA_PER_M: Final = 0.02  # m per m of distance, added to SIGMA_M in quadrature: limbs bend, and body sizes are inexact
+# m per m of distance, added to SIGMA_M in quadrature, since limbs bend, and since the body model's sizes are inexact
+SIGMA_PER_M: Final = 0.02
 # Standard deviation of a turn, which is the sine of an angle (see ``turns``). It is larger than a turn's error of 0.4,
 # since ten turns are used but only four are independent.
 TURN_SIGMA: Final = 0.6
@@ -38,11 +39,11 @@ TURN_SIGMA: Final = 0.6
 # Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# Maximum excess of a skin point's sum of squared deviations (each divided by its variance) over the best point's sum.
-# Up to this excess, the point counts as fitting almost as well.
+# Limit of the excess of a skin point's sum of squared deviations (each divided by its variance) over the best point's
+# sum. Below this limit, the point counts as fitting almost as well as the best point.
 ALMOST: Final = 2.0
-# m, maximum spread of the skin points that fit a node almost as well as the best point; a node with a greater spread
-# has no match. The value is the width of a thigh.
+# m, maximum spread (standard deviation of the places) of the skin points that fit a node almost as well as the best
+# point; a node with a greater spread has no match. The value is the width of a thigh.
 CLEAR_M: Final = 0.10
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
 # Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
@@ -50,7 +51,7 @@ LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a 
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps, for distances that do not converge earlier
 
-MIRRORED: Final = np.array(  # the anchors with left and right exchanged
+MIRRORED: Final = np.array(  # indices of the anchors, with left and right exchanged
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
 )
 PAIRS: Final = tuple(combinations(range(len(ANCHOR_NAMES)), 2))
@@ -63,7 +64,7 @@ class OwnSurface:
     ``turns``).
     """
 
-    distance_m: np.ndarray  # (p, 5), along the skin in the rest pose, to the tips of head, hands and feet
+    distance_m: np.ndarray  # (p, 5), distances along the skin in the rest pose to the tips of head, hands and feet
     turns: np.ndarray  # (p, 10), see ``turns``
 
 
@@ -236,7 +237,8 @@ def _longer(off_m: np.ndarray) -> np.ndarray:
 
 
 def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """Return (k,) metres: for each node, the standard deviation of the places that fit it almost as well as the best.
+    """Return (k,) metres: for each node, the standard deviation of the places of the skin points that fit the node
+    almost as well as the best skin point.
 
     places_m (p, 3): places of the skin points. off2 (k, p): squared deviations. least (k,): their minimum.
     """

@@ -38,7 +38,7 @@ class Way:
 
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched
-    update: Update = Update.PARTS  # how the pose is updated by the matches
+    update: Update = Update.PARTS  # way in which the matches update the pose
     # whether an arm is moved if its hand is seen elsewhere than the pose states (``bring_limbs_back``)
     own_surface: bool = False
 
@@ -111,14 +111,15 @@ HANDS: Final = np.array(["Hand" in name for name in ANCHOR_NAMES])
 BACK_SCALES_M: Final = (0.5, 0.5, 0.3, 0.15)
 BACK_SIGMA_M: Final = 0.05  # m, standard deviation of the distance of a node from its skin point on the arm
 HELD_SIGMA_M: Final = 0.01  # m, standard deviation with which the skin outside of the arm is held in place
-HELD_EVERY: Final = 4  # step between the skin points outside of the arm that are held in place: every fourth
+# Step between the skin points outside of the arm that are held in place: every fourth point is held
+HELD_EVERY: Final = 4
 
 
 def bring_limbs_back(body: Body, pose: Pose, seen: SeenGeodesics) -> Pose:
     """Return the pose after moving each arm whose hand is seen more than ``CONTRADICTED_M`` from its place in the pose.
 
     The arm's skin points are pulled to the nodes that ``match_skin`` matches with them, and the tip of its hand to the
-    hand's anchor. All other skin is held in place.
+    hand's anchor. The skin points of the rest of the body are held in place.
     """
     lost = contradicted_by(body, pose, seen.anchors, CONTRADICTED_M) & HANDS
     bones = [bone for chain in CHAINS for bone in chain.bones if lost[ANCHOR_NAMES.index(chain.joints[0])]]

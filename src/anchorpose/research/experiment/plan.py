@@ -102,7 +102,7 @@ class Task:
     method: Method
     setting: object
     path: Path  # file of the task's result
-    forms: tuple[Form, ...]  # forms of the framework in which joints are tracked
+    forms: tuple[Form, ...]  # forms (variants) of the paper's framework in which joints are tracked
     pairs: int  # number of pairs of frames whose matches are compared
 
     @property
@@ -117,7 +117,7 @@ class Plan:
 
     config: ExperimentConfig
     methods: tuple[Method, ...]
-    settings: Mapping[str, object]  # setting of each method, by its key
+    settings: Mapping[str, object]  # setting of each method, by the method's key
     movements: Path  # file of the reference movements
     movements_digest: str  # digest of the content of ``movements``
     store: ResultStore
@@ -154,8 +154,8 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the radii in metres of the clip's holes, 0 = no hole. With loose clothes: only 0 and the largest. In
-        training: 0 and ``TUNING_HOLE_M``.
+        """Return the radii in metres of the clip's holes, 0 = no hole. In training, these are 0 and ``TUNING_HOLE_M``;
+        otherwise, a clip with loose clothes has only 0 and the largest radius.
         """
         if self.training:
             return (0.0, TUNING_HOLE_M)
@@ -212,7 +212,7 @@ class PlanSpec:
     movements: Path
     movements_digest: str
     cache: Path
-    code: str  # digest of the experiment's code, to notice in the other process that the code has changed
+    code: str  # digest of the experiment's code, by which the other process notices that the code has changed
     training: bool = False
 
     def plan(self) -> Plan:

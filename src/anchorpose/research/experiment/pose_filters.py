@@ -40,8 +40,8 @@ def match_rows(
     predicted: PoseBelief,
     robust: bool,
 ) -> Constraints:
-    """Return constraints (rows of the least-squares system) that pull the skin point beside each node to the node's
-    match.
+    """Return the constraints (rows of a least-squares system) that pull the skin point beside each node to the place of
+    the node's match.
 
     The match is shifted along the skin by the offset of the skin point from the node (``skin_places``).
 
@@ -58,7 +58,8 @@ def match_rows(
 def update_by_rows(
     update: Update, body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the pose and its uncertainty after the filter's update by ``rows``; without rows, return the prediction.
+    """Return the pose and its uncertainty after the filter's update by the constraints ``rows``; without constraints,
+    return the prediction.
 
     seed: seed of the random particles.
     """
@@ -70,7 +71,9 @@ def update_by_rows(
 
 
 def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig) -> PoseBelief:
-    """Return the pose and its uncertainty after the update of an iterated extended Kalman filter by ``rows``."""
+    """Return the pose and its uncertainty after the update of an iterated extended Kalman filter by the constraints
+    ``rows``.
+    """
     expected, pose = (predicted.pose, predicted.information), predicted.pose
     for _ in range(KALMAN_STEPS):
         pose = damped_step(body, pose, rows, expected, config.rows_per_observation)
@@ -147,7 +150,7 @@ def _tempered(log_weight: np.ndarray, left: float) -> float:
 
 
 def _drawn_again(states: np.ndarray, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draw particles with equal weights; they have the mean and covariance of the given weighted particles."""
+    """Draw particles with equal weights, with the same mean and covariance as the given weighted particles."""
     mean, covariance = weight @ states, np.cov(states.T, aweights=weight)
     place = (rng.random() + np.arange(len(states))) / len(states)
     kept = states[np.minimum(np.searchsorted(np.cumsum(weight), place), len(states) - 1)]

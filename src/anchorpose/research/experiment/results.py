@@ -27,8 +27,8 @@ class Tracked:
     method: str
     frame: np.ndarray  # (f,) int64, positions of the frames in the recording; frames whose pose was given are left out
     occluded: np.ndarray  # (f,) bool, whether the frame has a hole
-    # (f, 21), distance from the true joint (in real recordings, the reference skeleton's joint); NaN if either is
-    # unknown
+    # (f, 21), distance of the tracked joint from the true joint (in real recordings, from the reference skeleton's
+    # joint); NaN if either is unknown
     error_mm: np.ndarray
     form: Form = Form.REFINED
 
@@ -41,9 +41,11 @@ class Tracked:
 class Matched:
     """One method's matches between two frames of a simulated recording.
 
-    Arrays are over the m nodes of the first frame whose true place is seen in the second. Errors are distances of the
-    match from this place, NaN without a match. Direct matches are made without the track tree. A method with several
-    hypotheses (possible matches) per node has no direct matches, since only the tree chooses among the hypotheses.
+    Arrays have an entry for each of m nodes (points of the patient's mesh) of the first frame. These are the nodes whose
+    true place is seen in the second frame, or ``matching.COMPARED`` of them, drawn at random. Errors are distances of
+    the match from this place, NaN without a match. Direct matches are made without the track tree, which chooses
+    matches with the help of later frames. A method with several hypotheses (possible matches) per node has no direct
+    matches, since only the tree chooses among the hypotheses.
     """
 
     scene: Scene
@@ -53,10 +55,10 @@ class Matched:
     frame: int
     occluded: bool  # whether either frame has a hole
     region: np.ndarray  # (m,) int8, region of the node, as an index into ``REGIONS``
-    direct_mm: np.ndarray  # (m,), straight distance of the direct match
-    tree_mm: np.ndarray  # (m,), straight distance of the track tree's match
-    direct_skin_mm: np.ndarray  # (m,), distance of the direct match along the skin
-    tree_skin_mm: np.ndarray  # (m,), distance of the track tree's match along the skin
+    direct_mm: np.ndarray  # (m,), straight distance from the true place to the direct match
+    tree_mm: np.ndarray  # (m,), straight distance from the true place to the track tree's match
+    direct_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the direct match
+    tree_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the track tree's match
     # (m,) bool, whether the match is on the same part of the body's other side, such as the other hand. The match is
     # the direct match or, without a direct match, the match of the track tree.
     mirrored: np.ndarray
@@ -65,7 +67,7 @@ class Matched:
     body_m: float  # m, standing height of the patient; errors along the skin are also stated as shares of this height
     gap_s: float  # seconds between the two frames
     moved_mm: np.ndarray  # (m,), distance of the true place in the second frame from the node's place in the first
-    every_mm: np.ndarray  # (m,), straight distance of the match by a track tree that rejects no match
+    every_mm: np.ndarray  # (m,), as ``tree_mm``, but for a track tree that rejects no match
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,8 @@ class TriedSetting:
 
 @dataclass(frozen=True, slots=True)
 class PaperTimes:
-    """Times on one core, in s, for a mesh with a node at every pixel, and for the distances of all nodes to five nodes.
+    """Times on one core, in s, for making a mesh with a node at every pixel, and for computing the distances of all
+    nodes to five nodes.
 
     These times are compared with the paper's times.
     """
@@ -97,7 +100,7 @@ class ExperimentResults:
     """All results of an experiment."""
 
     config: ExperimentConfig
-    methods: tuple[Method, ...]  # in the order of the tables
+    methods: tuple[Method, ...]  # all methods, in the order in which tables show them
     tried: tuple[tuple[str, tuple[TriedSetting, ...]], ...]  # key of each method, and the settings tried for it
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
@@ -122,7 +125,7 @@ def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method, each with its score and whether it is chosen.
+    """Return the tried settings of a method, each with its score and the flag ``chosen``.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

@@ -1,4 +1,5 @@
-"""Do the work on one recording: simulate it, make its reference by tracking, cut holes, run tasks that have no result.
+"""Do the work on one recording: simulate the recording, make its reference by tracking, cut holes, and run the tasks
+that have no result yet.
 
 In the paper's framework, a method runs on segments of the recording. This project's tracker runs on the whole
 recording.
@@ -72,7 +73,7 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 class Trial:
     """A recording with one size of hole, and the forms of the framework in which methods run on it."""
 
-    recording: Recording  # as read, before the cameras' clocks are aligned
+    recording: Recording  # the recording as read from its folder, before the cameras' clocks are aligned
     given: GivenFrames
     cut: np.ndarray  # (t,) bool, frames that lost readings
     runs: Mapping[Form, Run]
@@ -89,8 +90,8 @@ def track_segments(
 ) -> list[TrackedJoints]:
     """Track the segments that begin at ``starts`` by one method, in each trial and form.
 
-    Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. Trials
-    share descriptors and matches of frames into which no hole was cut.
+    Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. For
+    frames into which no hole was cut, all trials share the descriptors and matches.
     """
     associate = associate_once(method, setting)
     joints = [{form: [np.zeros((0, JOINT_COUNT, 3))] for form in trial.runs} for trial in trials]
@@ -109,7 +110,8 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    The result is the same for every form. Joints are taken from the pose, even if the tracker reports them as lost.
+    The result does not depend on the form of the paper's framework, in which this tracker does not run. Joints are
+    taken from the pose, even if the tracker reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -201,7 +203,9 @@ def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recordin
 
 @contextmanager
 def open_trials(prepared: PreparedClip, plan: Plan, holes_m: Sequence[float]) -> Iterator[dict[float, Trial]]:
-    """Yield a trial of the recording for each of these sizes of hole. Raises InputError as ``cut_holes`` does."""
+    """Yield, for each of these sizes of hole, a trial (the recording with such holes, and what methods need to run on
+    it). Raises InputError as ``cut_holes`` does.
+    """
     with ExitStack() as stack:
         room = paper_room(prepared.recording, prepared.reference, plan.movements)
         uncut, trials = GivenFrames(room, prepared.reference), {}
@@ -292,7 +296,9 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return the frames of tracked joints that the other methods have, too: the segments without their first frames."""
+    """Return the tracked joints in only the frames that the other methods have, too: the segments without their first
+    frames.
+    """
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
         kept[start + 1 : start + length] = True

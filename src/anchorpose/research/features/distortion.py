@@ -24,7 +24,7 @@ from anchorpose.surface.surface import Surface
 class LeastDistortion:
     """A map of smallest distortion between two sets of points."""
 
-    # (n_a,) int32, for each point of the first set, its point in the second; several points may share the same point
+    # (n_a,) int32, for each point of the first set, its point in the second set, which several points may share
     match: np.ndarray
     distortion_m: float  # m, distortion of this map
     proven: bool  # whether it is proven that no other map has a smaller distortion
@@ -59,8 +59,8 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """Compute d_PE between samples of one surface and candidates on another. In both sets, points lie as far apart as
-    possible.
+    """Compute d_PE between two sets of nodes: samples of the surface ``one``, and candidates on the surface ``other``.
+    In both sets, nodes lie as far apart as possible.
 
     Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
     pieces of a surface, distances are ``APART_M``.

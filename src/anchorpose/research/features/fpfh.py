@@ -22,7 +22,7 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 
 @settings
 class FpfhConfig:
-    """Settings of FPFH, which has 3 histograms of 11 bins."""
+    """Settings of FPFH, whose descriptors consist of 3 histograms of 11 bins."""
 
     # m, radius within which a node's simplified histogram counts other nodes. A descriptor averages the
     # histograms of these nodes, so it depends on the surface within twice the radius. With 10 cm, the errors of matches

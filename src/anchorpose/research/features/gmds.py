@@ -5,7 +5,8 @@ apart. Samples are mapped so that the distances between them change as little as
 the few farthest samples onto few candidates and keeps the best maps that differ from each other. Next, all samples are
 mapped onto more candidates. Finally, in the best maps, each sample may move from its candidate to any node of the
 target. All other nodes are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
-(doi:10.1073/pnas.0508601103): their least squares, with branch and bound for the initial map.
+(doi:10.1073/pnas.0508601103): as the authors do, this module minimises a sum of squares; the initial map is found by
+branch and bound.
 """
 
 from __future__ import annotations
@@ -30,11 +31,12 @@ FIRST_LIMIT_M: Final = 0.02
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes (k,) int32, each as far as possible from the nodes before it, and their distance fields.
 
-    k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres, ``APART_M`` on other pieces.
-    The first node is the farthest from the middle of its piece; the middle is the node nearest to the mean position of
-    all nodes. Nodes of a piece without a chosen node count as farther away than all nodes of pieces with a chosen node.
-    Raises ValueError for nodes that are not finite. Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the
-    greatest distance of a node from its nearest chosen node is at most twice as large as with the best choice.
+    k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres; nodes on other pieces of
+    surface get ``APART_M``. The first node is the farthest from the middle of its piece; the middle is the node nearest
+    to the mean position of all nodes. Nodes of a piece without a chosen node count as farther away than all nodes of
+    pieces with a chosen node. Raises ValueError for nodes that are not finite. Source: Gonzalez 1985
+    (doi:10.1016/0304-3975(85)90224-5): the greatest distance of a node from its nearest chosen node is at most twice as
+    large as with the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)

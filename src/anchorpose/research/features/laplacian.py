@@ -94,8 +94,8 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return three arrays (h,), h = 6 f, with one value per half-edge (a side of one triangle, with a direction).
 
-    tail: its first node. after: the next half-edge of its triangle. twin: the opposite half-edge, in the adjacent
-    triangle.
+    tail: the half-edge's first node. after: the next half-edge of the same triangle. twin: the opposite half-edge (same
+    two nodes, other direction), in the triangle to which this side is glued.
     """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()

@@ -34,7 +34,7 @@ REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
 class Beyond(StrEnum):
     """The value of the depth map at pixels without surface."""
 
-    # NaN, so that these pixels have no gradient: the end of the camera's view is not part of the shape
+    # NaN, so these pixels have no gradient, and the end of the camera's view does not count as part of the shape
     UNKNOWN = "unknown"
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 
@@ -47,7 +47,7 @@ class LdSiftConfig:
     radius_m: Positive = 0.15
     beyond: Beyond = Beyond.UNKNOWN
     floor_m: Positive = 0.05  # m, distance of the plane of ``Beyond.FLOOR`` below the node
-    samples: Count = 6  # number of pixels on a cell's side; fewer would miss an arm seen from the side
+    samples: Count = 6  # number of pixels on a cell's side; fewer pixels would miss an arm seen from the side
 
 
 def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:

@@ -42,8 +42,8 @@ def tangent_frame(normal: np.ndarray, frame: np.ndarray) -> bool:
 
 
 FLAT_RATIO = 1e-3
-"""Minimum ratio of the width to the length of the area in which a node's neighbours lie. With a smaller ratio, as for
-neighbours on a line, the derivative is NaN.
+"""Minimum ratio of the width to the length of the neighbours' spread. Below this ratio, the neighbours lie nearly on a
+line, and the derivative is NaN.
 """
 
 

@@ -21,7 +21,8 @@ class Metric(StrEnum):
     """The distance measure between two descriptors."""
 
     EUCLIDEAN = "euclidean"
-    HELLINGER = "hellinger"  # Euclidean distance between the square roots of the rows, which are not normalised here
+    # Euclidean distance between the square roots of the rows; this module does not normalise rows
+    HELLINGER = "hellinger"
     MANHATTAN = "manhattan"
 
 
@@ -125,7 +126,7 @@ def _settle(
     for row in range(len(source)):
         best, limit = np.inf, rough[row].min() + slack[row]
         for other in range(len(target)):
-            if not rough[row, other] > limit:  # true also if float32 has overflowed
+            if not rough[row, other] > limit:  # this condition is true also if float32 has overflowed
                 apart = 0.0
                 for k in range(source.shape[1]):
                     off = source[row, k] - target[other, k]

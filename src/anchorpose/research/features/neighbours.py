@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-# number of successive nodes that are skipped together if all are far away; about as many as a row of the mesh on a limb
+# Number of successive nodes that are skipped together if they are far away: about as many as a row of the mesh has on a
+# limb
 BLOCK: Final = 32
 
 
@@ -88,7 +89,7 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def longer(array: np.ndarray, extra: int) -> np.ndarray:
-    """Return the array with space for twice its entries and ``extra`` more."""
+    """Return a copy of the array with space for twice as many entries and ``extra`` more."""
     room = np.empty(2 * len(array) + extra, array.dtype)
     room[: len(array)] = array
     return room

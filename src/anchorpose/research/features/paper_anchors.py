@@ -37,7 +37,8 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
     apart = np.where(apart < SAME_END_M, apart, np.inf)
-    cost = np.minimum(apart, 1.0)  # m; finite, so that an assignment exists; pairs farther apart are skipped below
+    # m; distances are capped, so that an assignment exists; the loop below skips pairs that are too far apart
+    cost = np.minimum(apart, 1.0)
     for row, name in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[row, name]):
             anchors.node[name], anchors.position_m[name] = extrema[row], surface.points_m[extrema[row]]

@@ -19,7 +19,8 @@ from anchorpose.research.features.neighbours import Neighbours, as_oriented, as_
 from anchorpose.settings import Count, Positive, settings
 
 _TWO_PI = np.float32(2 * np.pi)
-# Minimum sine of the angle between x axis and normal; below it, the tangential direction of x is undetermined.
+# Minimum sine of the angle between x axis and normal; with a smaller sine, the direction of x in the tangent plane is
+# undetermined.
 PARALLEL = 1e-3
 
 

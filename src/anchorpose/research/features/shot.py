@@ -15,7 +15,8 @@ from anchorpose.research.features.local_frame import FEWEST, as_frames, local_fr
 from anchorpose.research.features.neighbours import Neighbours, as_oriented, find_neighbours
 from anchorpose.settings import Positive, settings
 
-# numbers of sectors (8 around z, 2 outwards, 2 along z) and of intervals of the cosine of a normal's angle from z
+# Number of sectors (8 around z times 2 outwards times 2 along z); number of intervals of the cosine of the angle
+# between a normal and z
 SECTORS, LEANS = 32, 10
 COLUMNS = LEANS + 1  # columns of each sector, one for each end of an interval
 SIZE = SECTORS * COLUMNS
@@ -27,7 +28,7 @@ _TWO = np.float32(2.0)
 
 @settings
 class ShotConfig:
-    """Settings of SHOT, which has 352 numbers."""
+    """Settings of SHOT, whose descriptors have 352 numbers."""
 
     # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with 15 cm, errors
     # of matches are 1.5 times as large

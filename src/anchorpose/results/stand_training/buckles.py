@@ -36,13 +36,15 @@ from anchorpose.results.uncertainty import sigma_of_difference
 KINDS: Final = {"left": BUCKLE_LEFT, "right": BUCKLE_RIGHT}
 
 HELD_S: Final = 0.1
-"""Window in s of the running median of the angles: it removes errors of single frames."""
+"""Length in s of the window of the running median of the angles, which removes errors of single frames."""
 
 SMOOTHING_S: Final = 0.03
 """Standard deviation in s of the kernel that smooths the angles, a tenth of the time in which a knee gives way."""
 
 BEFORE_S: Final = 0.3
-"""Time in s before the flexion. The median angle in this time is the angle from which the knee gives way."""
+"""Time in s before the flexion. The median angle in this time is the angle from which the depth of the flexion is
+measured.
+"""
 
 STILL_DEEPER_S: Final = 0.4
 """Time in s after the deepest angle. If the knee bends deeper within this time, the same flexion continues."""
@@ -63,9 +65,9 @@ def find_buckles(session: Session, config: EventConfig) -> list[Event]:
 
 
 def buckle_watched(session: Session, side: str, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could begin and be found: the
-    angles are known without a gap for the next ``fast_s``, and the buckle could be distinguished from errors of
-    measurement.
+    """Return (n,) bool: frames in which a buckle of this knee that is ``buckle_deg`` deep could begin and be found. In
+    such a frame, the patient is upright, the buckle could be distinguished from errors of measurement, and the angles
+    of both knees are known in all frames of the next ``fast_s``. Dropped frames are allowed, one at a time.
     """
     own, other = (session.angle(f"knee_flexion_{each}") for each in (side, OTHER_SIDE[side]))
     error = config.times_sigma * CHANGE_SHARE * np.hypot(own.sigma_deg, other.sigma_deg)
@@ -98,8 +100,8 @@ def _calm(degrees: np.ndarray, step_s: float) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Flexion:
-    """A flexion of a knee. before: rows whose median is the angle before the flexion; onset, deepest: rows where it
-    begins and where it is deepest; depth_deg: change of the angle from ``before`` to ``deepest``.
+    """A flexion of a knee. before: rows whose median is the angle before the flexion; onset, deepest: rows at which the
+    flexion begins and is deepest; depth_deg: change of the angle from ``before`` to ``deepest``.
     """
 
     before: slice
@@ -109,8 +111,8 @@ class Flexion:
 
 
 def _fast_flexions(time_s: np.ndarray, degrees: np.ndarray, config: EventConfig) -> Iterator[Flexion]:
-    """Yield the flexions that bend the knee by at least ``buckle_deg`` within ``fast_s``. time_s, degrees (k,): a
-    stretch without missing frames.
+    """Yield the flexions that bend the knee by at least ``buckle_deg`` within ``fast_s``. time_s, degrees (k,): times
+    and angles of a run of frames with known angles, in which at most one frame is dropped at a time.
     """
     frames = round(config.fast_s / usual_step_s(time_s)) + 1 if len(time_s) > 1 else 1
     padded = np.concatenate([np.full(frames - 1, degrees[0]), degrees])

@@ -1,7 +1,7 @@
-"""Estimate the whole body's centre of mass from the joints and a table of segment masses, and its sway.
+"""Estimate the whole body's centre of mass from the joints and a table of segment masses, and measure its sway.
 
-The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which is about living young adults, women
-and men. The patient's sex is unknown, so the mean of the columns for women and men is used; between the two columns,
+The masses are from de Leva 1996 (doi:10.1016/0021-9290(95)00178-6), Table 4, which describes living young adults, women
+and men. The patient's sex is unknown, so the mean of the columns for women and men is used. Between the two columns,
 the height of a standing body's centre of mass differs by 4 mm.
 """
 
@@ -62,7 +62,9 @@ PAIRED_SEGMENTS: Final = (
 
 @cache
 def joint_weights() -> np.ndarray:
-    """Return the joints' weights (21,), read only, in the centre of mass. They sum to 1; some may be negative."""
+    """Return the weight (21,) of each joint in the centre of mass, as a read-only array. The weights sum to 1; some may
+    be negative.
+    """
     weights = np.zeros(JOINT_COUNT)
     for segment, side in (*product(SINGLE_SEGMENTS, [""]), *product(PAIRED_SEGMENTS, ["Left", "Right"])):
         for joints, share in ((segment.starts, 1.0 - segment.fraction), (segment.ends, segment.fraction)):
@@ -140,7 +142,7 @@ class Bout(NamedTuple):
     and to the patient's right, low-passed, evenly spaced in time.
 
     path_m: length of the centre's horizontal path; noise_m: length of the path that errors of measurement alone would
-    cause; seconds: duration of the bout; frames: its rows in the session.
+    cause; seconds: duration of the bout; frames: rows of the bout in the session.
     """
 
     deviation_m: np.ndarray
@@ -151,8 +153,8 @@ class Bout(NamedTuple):
 
 
 def sway_bouts(session: Session, config: SwayConfig) -> list[Bout]:
-    """Return every bout of standing that is long enough and has a known centre of mass in all its frames, without the
-    time just after standing up.
+    """Return every bout of standing that is long enough, has enough frames per second, and has a known centre of mass
+    in all its frames. The time just after standing up is left out.
     """
     time_s = session.joints.time_s
     settled = session.upright & ~session.moving(config.settle_s)
@@ -257,7 +259,7 @@ def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> fl
 
     residual_m (k, 2): the movement above the cutoff frequency, all of which is taken as error, since no standing body
     moves so fast. Below the cutoff frequency, the errors are assumed to be a random walk with power ~ 1 / f^2. This
-    assumes more power than was measured (docs/measures.md).
+    assumption gives the errors more power than was measured (docs/measures.md).
     """
     variance = float(np.mean(residual_m.var(axis=0)))
     speed = np.sqrt(4.0 * np.pi**2 * cutoff_hz * variance / (1.0 / cutoff_hz - 2.0 / rate_hz))

@@ -90,7 +90,9 @@ def _episode(joints: JointTable, event: Event) -> Episode:
 
 
 def fast_enough(time_s: np.ndarray, least_hz: float = LEAST_HZ) -> bool:
-    """Return whether the rate of the frames (n,) is high enough, for example to find events; False for one frame."""
+    """Return whether the frame rate, by the times (n,) of the frames, is at least ``least_hz``; False for a single
+    frame.
+    """
     return bool(usual_step_s(time_s) <= 1.0 / least_hz + ROUNDING_S)
 
 
@@ -105,8 +107,8 @@ two shares. Below ``EARLY``, noise hides the movement; beyond ``LATE``, the pati
 
 
 def onset_row(time_s: np.ndarray, values: np.ndarray, base: float, rows: slice) -> int:
-    """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows:
-    contain the onset, and end where the movement is deepest.
+    """Return the row at which a movement begins. time_s, values (n,); base: the value before the movement; rows: range
+    of rows that contains the onset and ends where the movement is deepest.
 
     The movement accelerates from rest, so its depth grows with the square of the time. If the movement reaches a tenth
     of its depth at t1 and four tenths at t2, the onset is at 2 t1 - t2.
@@ -133,7 +135,8 @@ NO_ONSET: Final = "no frame shows the onset"
 
 
 def latency_sigma_s(time_s: np.ndarray, sigma_s: float) -> float:
-    """Return sigma of a latency. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
+    """Return the standard deviation (sigma) of a latency: the time from the start of a recording or trial until an
+    event or an extension begins. The result combines sigma_s, the sigma of the latency's end, with the uncertainty of
     the latency's beginning, which may lie up to one frame before the first frame.
     """
     return float(np.hypot(sigma_s, usual_step_s(time_s) / np.sqrt(3.0)))

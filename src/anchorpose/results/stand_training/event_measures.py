@@ -1,5 +1,5 @@
-"""Compute measures of events: their number, number in ten minutes, time of the first event, depth of the deepest event,
-and the share of time in which an event would not have been seen.
+"""Compute measures of events: number of events, number in ten minutes, time of the first event, and depth of the
+deepest event; and the share of time in which an event would not have been seen.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ NONE_SEEN: Final = "no such event was seen"
 
 
 class Watch(NamedTuple):
-    """The frames in which events of one kind are searched for. measure: prefix of the names of its measures. base (n,)
-    bool: frames in which events of this kind can happen. watched (n,) bool: frames of ``base`` in which an event would
-    have been detected. nothing: the reason, if ``base`` is empty, why the measures have no value.
+    """The frames in which events of one kind are searched for. measure: prefix of the names of the measures of these
+    events. base (n,) bool: frames in which events of this kind can happen. watched (n,) bool: frames of ``base`` in
+    which an event would have been detected. nothing: the reason, if ``base`` is empty, why the measures have no value.
     """
 
     measure: str
@@ -90,7 +90,7 @@ def _of_kind(session: Session, events: Sequence[Event], watch: Watch) -> list[Me
 
 
 def _first_and_greatest(session: Session, own: Sequence[Event], watch: Watch) -> list[Measure]:
-    """Return the time from the first frame to the first onset, and the greatest depth."""
+    """Return the time from the start of the recording or trial to the first onset, and the greatest depth."""
     latency, largest = f"{watch.measure}_latency", f"{watch.measure}_largest"
     if not own:
         names = ((latency, "s"), (largest, watch.unit))

@@ -1,5 +1,5 @@
-"""Measure how straight knees and hips are while upright, how left and right differ, and each joint's range of
-motion.
+"""Measure how straight knees and hips are while the patient is upright, how left and right differ, and each joint's
+range of motion.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-LEAST_PERCENTILE: Final = 5.0  # percentile used as least flexion (95 as greatest), since extremes are mostly errors
+# percentile of flexion used as the least (95 as the greatest); minimum and maximum are mostly errors
+LEAST_PERCENTILE: Final = 5.0
 
 
 @settings
@@ -127,7 +128,8 @@ class FeetLoad(NamedTuple):
     state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
-    mass lies to the side of both ankles: a patient who stands still in this way would fall without support.
+    mass lies to the side of both ankles. A patient who stands still with the centre of mass there would fall without
+    support.
     """
 
     rightwards: np.ndarray
@@ -175,11 +177,11 @@ SIDED: Final = (
 UNSIDED: Final = ("trunk_flexion", "trunk_side_bend", "trunk_pelvis_rotation", "neck_flexion")
 
 HELD_S: Final = 0.2
-"""Length in s of the window of the running median over an angle. With a median, an extreme angle counts only if it is
-held for about half of the window: the extreme in a single frame is mostly error.
+"""Length in s of the window of the running median over an angle. With a median, an extreme angle counts only if it
+lasts for about half of the window, since the extreme in a single frame is mostly error.
 """
 
-LEAST_S: Final = 1.0  # s, minimum duration of a stretch in which the angle is known
+LEAST_S: Final = 1.0  # s, minimum duration of a run of frames in which the angle is known, for its range to be measured
 
 
 def range_measures(session: Session) -> list[Measure]:
@@ -198,13 +200,16 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), series.sigma_deg[rows[[low, high]]]
     state_code = series.state_code[rows]
-    if value <= NORMAL_95 * np.hypot(first, second):  # without movement, the extremes are two independent errors
+    # if the joint does not move, the extremes are two independent errors
+    if value <= NORMAL_95 * np.hypot(first, second):
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)
 
 
 def _held(degrees: np.ndarray, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (k,) of all stretches of ``LEAST_S`` or more with a known angle, and the angle's median (k,)."""
+    """Return the rows (k,) of all runs of frames that last ``LEAST_S`` or more and have a known angle, and the running
+    median (k,) of the angle in them.
+    """
     step_s = usual_step_s(time_s)
     if not np.isfinite(step_s):
         return np.empty(0, dtype=np.int64), np.empty(0)

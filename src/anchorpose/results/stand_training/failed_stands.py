@@ -55,8 +55,8 @@ def _seated_blocks(run: slice, sitting: list[slice], upright: np.ndarray) -> Ite
 
 
 BACK: Final = 0.5
-"""Height at which a rise ends, as a share of ``failed_rise`` (the minimum rise of a failed stand). Below it, the
-patient sits again.
+"""Height at which a rise ends, as a share of ``failed_rise`` (the minimum rise of a failed stand). Below this height,
+the patient sits again.
 """
 
 BEFORE_S: Final = 1.5

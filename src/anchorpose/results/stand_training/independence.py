@@ -44,9 +44,11 @@ class IndependenceConfig:
     inclined, by at most ``extended_deg``, and ends above ``bent_deg``.
     """
 
-    # degrees, maximum bend: in walking, a knee that takes over the load bends by about 20 and still carries the body
+    # degrees, maximum bend: in walking, a knee that takes over the load bends by about 20 degrees and still carries the
+    # body
     extended_deg: _Degrees = 20.0
-    bent_deg: _Degrees = 25.0  # degrees; 5 above extended_deg, so that errors (3 to 5) do not end an extension
+    # degrees; 5 above extended_deg, so that errors (of 3 to 5 degrees) do not end an extension
+    bent_deg: _Degrees = 25.0
 
     def __post_init__(self) -> None:
         if self.bent_deg < self.extended_deg:
@@ -55,9 +57,9 @@ class IndependenceConfig:
 
 class _Part(NamedTuple):
     """A body part whose extension is measured. angle: the name of the part's angle, None for the trunk's inclination.
-    regions: regions of the body where a contact helps to extend the part. beside: neighbouring regions; a hand near the
-    border may be reported there. joints: joints at ``regions``; if such a joint is unseen, a hand that holds the part
-    may be unseen, too.
+    regions: regions of the body where a contact helps to extend the part. beside: regions next to ``regions``; a hand
+    near the border between them may be reported in either. joints: joints at ``regions``; if such a joint is unseen, a
+    hand that holds the part may be unseen, too.
     """
 
     name: str
@@ -100,9 +102,10 @@ PARTS: Final = _parts()
 
 
 def independence_measures(session: Session) -> list[Measure]:
-    """Return, for each part, the time extended, the time extended without another person's hand on the part, and the
-    time and bouts extended with neither such a hand nor equipment on the part. Also return bouts upright without help,
-    and the upright time for each number of hands with which the patient holds on.
+    """Return, for each part: the time for which it is extended; the time until it is first extended; the time extended
+    without another person's hand on the part; and the time, the number of bouts and the longest bout extended with
+    neither such a hand nor equipment on the part. Also return bouts upright without help, and the upright time for each
+    number of hands with which the patient holds on.
     """
     rows = list[Measure]()
     for part in PARTS:
@@ -259,14 +262,14 @@ def _row(session: Session, part: _Part, measure: str, found: _Extended, free: _F
 
 
 def _longest_s(session: Session, frames: np.ndarray, runs: Sequence[slice]) -> float:
-    """Return the longest time of the ``frames`` (n,) bool in one of the runs; 0 without runs."""
+    """Return the time of the ``frames`` (n,) bool in the run in which this time is longest; 0 without runs."""
     return max((float(session.seconds[run][frames[run]].sum()) for run in runs), default=0.0)
 
 
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
-    """Return sigma of a time without contacts, for which the upper limit is reported.
+    """Return sigma of a time without contacts. The reported time is the upper limit of the true time.
 
-    The true time may be less by up to ``unsure_s``. If it is uniformly distributed over this range, its
+    The true time may be less by up to ``unsure_s``. If the true time is uniformly distributed over this range, its
     root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the distance from the
     middle of the range.
     """
@@ -297,7 +300,9 @@ def _unaided(session: Session) -> list[Measure]:
 
 
 def _why_unknown(session: Session, contacts: Sequence[Contact] | None, without: str) -> str:
-    """Return the reason why no time upright has a value: ``without``, if the contacts are unknown, comes first."""
+    """Return the reason why measures of upright time have no value: ``without`` if the contacts are unknown, else that
+    the patient was never upright or never found.
+    """
     return without if contacts is None else NO_UPRIGHT if session.found.any() else NEVER_FOUND
 
 
@@ -305,8 +310,8 @@ HOLDING: Final = ("upright_two_hands_time", "upright_one_hand_time", "upright_no
 
 
 def _holding(session: Session) -> list[Measure]:
-    """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on it counts
-    as a hand.
+    """Return the times upright with two hands, one hand and no hand on the equipment. A forearm that rests on the
+    equipment counts as a hand.
 
     If a hand is lost and has no reported contact in a frame, this frame counts for none of the three times. A hand that
     is hidden or lost makes all three times uncertain.

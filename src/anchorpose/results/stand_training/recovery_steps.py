@@ -44,8 +44,8 @@ _FEET: Final = [*ANKLES, JOINT_INDEX["FootLeft"], JOINT_INDEX["FootRight"]]
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 """Directions (2, 72): unit vectors at equal angles. The distance of a point from a convex outline is the largest
-amount, over all directions, by which the point lies beyond the outline in this direction. With 72 directions, its error
-is at most 0.1 %.
+amount, over all directions, by which the point lies beyond the outline in this direction. With 72 directions, the error
+of the distance is at most 0.1 %.
 """
 
 
@@ -59,9 +59,10 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
-    """Return (n,) bool: frames in which a recovery step could begin and be found: all joints are known without a gap
-    for the next ``WITHIN_S``, and an extrapolated centre of mass ``beyond_m`` outside the feet could be
-    distinguished from errors of measurement.
+    """Return (n,) bool: frames in which a recovery step could begin and be found. In such a frame, the patient is
+    upright, an extrapolated centre of mass ``beyond_m`` outside the feet could be distinguished from errors of
+    measurement, and the joints used are known in all frames of the next ``WITHIN_S``. Dropped frames are allowed, one
+    at a time.
     """
     clear = session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m)
     return np.asarray(clear & followed(np.isfinite(_sigma_m(session)), session.joints.time_s, WITHIN_S))

@@ -34,8 +34,8 @@ class Stance:
     """How the patient stands or sits in every frame; NaN where a joint is lost. Each value except ``behind_m`` has a
     standard deviation.
 
-    thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip;
-    the nearer thigh counts, since a patient who raises one leg stands on the other leg. trunk_deg (n,): angle of the
+    thigh_deg (n,): angle between the vertical and the thigh that is nearer to it, 0 = thigh straight down from the hip.
+    The nearer thigh counts, since a patient who raises one leg stands on the other leg. trunk_deg (n,): angle of the
     line from SpineBase to SpineShoulder against the vertical, in any direction. height (n,): height of the midpoint of
     the hips above the lower ankle, in leg lengths: 1 = standing straight. behind_m (n,): distance of the centre of mass
     behind the midpoint of the ankles.
@@ -110,8 +110,8 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facing(position_m: np.ndarray) -> np.ndarray:
-    """Return (n, 2): the heading of the patient on the floor as x and z, perpendicular to the line of the hips.
-    position_m (n, 21, 3): the joints.
+    """Return (n, 2): the heading of the patient on the floor as x and z, perpendicular to the line through the hip
+    joints. position_m (n, 21, 3): the joints.
     """
     across = position_m[:, JOINT_INDEX["HipRight"]] - position_m[:, JOINT_INDEX["HipLeft"]]
     return unit(np.stack([across[:, 2], -across[:, 0]], axis=1))
@@ -166,8 +166,8 @@ class Limits(NamedTuple):
 
 
 def upright_limits(stance: Stance, config: UprightConfig, shift: float = 0.0) -> Limits:
-    """Test the limits in every frame. shift: number of sigmas by which every value is moved towards standing, to find
-    the effect of errors.
+    """Test in every frame whether the ``enter`` limits are met, and whether a ``leave`` limit is passed. shift: number
+    of sigmas by which every value is moved towards standing, to find the effect of errors.
     """
     thigh = stance.thigh_deg - shift * stance.thigh_sigma_deg
     trunk = stance.trunk_deg - shift * stance.trunk_sigma_deg
@@ -181,15 +181,15 @@ def upright(stance: Stance, config: UprightConfig, shift: float = 0.0) -> np.nda
     """Return (n,) int8: ``UPRIGHT``, ``NOT_UPRIGHT``, or ``UNKNOWN``. After a frame with a lost joint, the value stays
     ``UNKNOWN`` until a frame meets the ``enter`` limits or passes a ``leave`` limit.
 
-    shift: as in ``upright_limits``.
+    shift: number of sigmas by which every value is moved towards standing, to find the effect of errors.
     """
     return hold(*upright_limits(stance, config, shift))
 
 
 def hold(begins: np.ndarray, ends: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return the state in each frame, int8 (n,). The state stays the same until a frame changes it: to 1 if the frame
-    ``begins`` the state, to 0 if the frame ``ends`` the state, to -1 (unknown) if the frame is not ``known``. Before
-    the first change, the state is -1.
+    """Return the state in each frame, int8 (n,). The state stays the same until a frame changes it. A frame that is not
+    ``known`` changes the state to -1 (unknown); otherwise a frame that ``begins`` the state changes it to 1, and a
+    frame that ``ends`` the state changes it to 0. Before the first change, the state is -1.
     """
     state = np.full(len(known), UNKNOWN, dtype=np.int8)
     decisive = begins | ends | ~known
@@ -216,9 +216,11 @@ class Session:
     searched for contacts, empty if the recording has no model of the equipment.
 
     States with hysteresis are decided in the whole recording, since a state in a trial may have begun before the trial.
-    shifted_upright (n, 2) int8: ``upright`` if every value is moved by one sigma away from standing, and towards it;
-    extended (n, 5, 3) bool: from ``independence.extended_states``. onset_s: the time at which the recording or the
-    trial begins; a trial may begin before its first frame.
+    shifted_upright (n, 2) int8: results of the function ``upright`` if every value is moved by one sigma away from
+    standing (first column), and towards it (second column); extended (n, 5, 3) bool: whether each knee, each hip and
+    the trunk is extended (``independence.extended_states``); last axis: if all angles are larger by their systematic
+    sigma, as measured, and smaller by this sigma. onset_s: the time at which the recording or the trial
+    begins; a trial may begin before its first frame.
     """
 
     joints: JointTable
@@ -253,7 +255,9 @@ class Session:
 
     @property
     def supports(self) -> tuple[Contact, ...] | None:
-        """Return the contacts with the equipment; None if contacts are unknown."""
+        """Return the contacts with the equipment; None if contacts are unknown, or if the recording has no model of the
+        equipment.
+        """
         return None if self.contacts is None or not self.equipment else with_equipment(self.contacts)
 
     @property
@@ -278,7 +282,9 @@ class Session:
 
     @property
     def onset_seen(self) -> bool:
-        """Return whether the first frame follows the onset without a gap in which it is unknown what happened."""
+        """Return whether the first frame follows the onset without a long gap (``longest_known_gap_s``), in which it
+        would be unknown what happened.
+        """
         time_s = self.joints.time_s
         return len(time_s) < 2 or bool(time_s[0] - self.onset_s <= longest_known_gap_s(time_s))
 
@@ -313,7 +319,9 @@ def known(
 def unknown(
     measure: str, unit: str, why: str, side: str | None = None, state_code: np.ndarray | None = None
 ) -> Measure:
-    """Return a measure without a value, with the reason. state_code: as in ``known``."""
+    """Return a measure without a value, with the reason. state_code (k,): worst state of the joints used, in each frame
+    used; None for no frames.
+    """
     codes = np.empty(0) if state_code is None else state_code
     return _measure(measure, unit, codes, value=None, why=why, side=side)
 

@@ -50,7 +50,8 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))  # sigma_s covers both ends; one counts here
+    # sigma_s of a rise has the errors of both its ends; here only one end counts
+    sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 
 
@@ -146,7 +147,7 @@ _ARM: Final = ("Shoulder", "Elbow", "Wrist")
 
 def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
     """Return the number of rows, from the first, in which both ankles stay within ``BASE_M`` of their places in the
-    first row; 0 if an ankle is unknown there.
+    first row; 0 if an ankle is unknown in the first row.
     """
     if not len(rows):
         return 0
@@ -159,7 +160,7 @@ def _feet_stay(position_m: np.ndarray, rows: np.ndarray) -> int:
 LIFTED_M: Final = 0.06
 LOWERED_M: Final = 0.04
 """Limits in m of the height of one ankle above the other. The higher foot counts as off the floor while this height
-exceeds ``LOWERED_M``, if it exceeds ``LIFTED_M`` at any time in between.
+exceeds ``LOWERED_M``, if the height exceeds ``LIFTED_M`` at any time in this period.
 """
 
 LEAST_STANCE_S: Final = 1.0

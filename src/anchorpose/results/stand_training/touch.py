@@ -41,7 +41,7 @@ class Touch(NamedTuple):
 
 
 def touch_of(frame: np.ndarray, contacts: Sequence[Contact]) -> Touch:
-    """Return the touches at frames (n,), increasing; a contact's first and last frame belong to it."""
+    """Return the touches at frames (n,), increasing; a contact includes its first and its last frame."""
     count, seen = np.zeros(len(frame), dtype=np.int32), np.zeros(len(frame))
     starts = np.searchsorted(frame, [contact.first_frame for contact in contacts], side="left")
     ends = np.searchsorted(frame, [contact.last_frame for contact in contacts], side="right")
@@ -66,7 +66,8 @@ def time_with_sigma(touch: Touch, seconds: np.ndarray, time_s: np.ndarray) -> tu
 
 
 def sigma_of_time(edges: int, unsure_s: float, seconds: np.ndarray) -> float:
-    """Return sigma of a time. The time has ``edges`` beginnings and ends, each wrong by up to a frame, and lies between
-    two limits that are ``unsure_s`` apart. seconds (n,): the time that each frame represents.
+    """Return the standard deviation (sigma) of a measured time. The time has ``edges`` beginnings and ends, each wrong
+    by up to a frame, and lies between two limits that are ``unsure_s`` apart. seconds (n,): the time that each frame
+    represents.
     """
     return float(np.hypot(np.sqrt(edges) * float(np.median(seconds)), unsure_s / np.sqrt(12.0)))

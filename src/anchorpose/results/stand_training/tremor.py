@@ -48,7 +48,8 @@ class TremorConfig:
     """Settings of when an oscillation counts as tremor or clonus."""
 
     least_deg: Positive = 1.0  # degrees, minimum amplitude (half of peak to peak); less is hardly visible
-    # minimum share of the power above 1 Hz that the peak holds; errors without rhythm have 0.1 at 30 frames per second
+    # minimum share of the power above 1 Hz that the peak holds; for errors without rhythm, the share is 0.1 at 30
+    # frames per second
     peak_share: Annotated[float, Field(gt=0, lt=1)] = 0.6
 
 

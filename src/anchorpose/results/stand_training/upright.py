@@ -29,7 +29,7 @@ extreme value by the noise of a single frame.
 
 
 def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> tuple[Episode, ...]:
-    """Return the upright bouts as episodes. state (n,): as ``upright`` returns it."""
+    """Return the upright bouts as episodes. state (n,): ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``."""
     return tuple(
         episode(UPRIGHT_EPISODE, joints, run, stance.state_code[run].max())
         for run in runs_of_known(state == UPRIGHT, state != UNKNOWN, joints.time_s)
@@ -37,7 +37,9 @@ def upright_episodes(joints: JointTable, stance: Stance, state: np.ndarray) -> t
 
 
 def episode(kind: str, joints: JointTable, run: slice, worst: int) -> Episode:
-    """Return the frames of ``run`` as an episode; worst: worst state code of the joints by which it is recognised."""
+    """Return the frames of ``run`` as an episode; worst: worst state code of the joints by which the episode is
+    recognised.
+    """
     return Episode(
         kind=kind,
         first_frame=int(joints.frame[run.start]),
@@ -87,8 +89,8 @@ def time_measures(session: Session) -> list[Measure]:
 
 
 def _sigma_s(session: Session) -> float:
-    """Return sigma of the upright time. It is half of the difference between the upright time if all values are shifted
-    by one sigma towards standing, and the upright time if they are shifted by one sigma away from it.
+    """Return sigma of the upright time. The upright time is computed twice: with all values shifted by one sigma
+    towards standing, and with all values shifted by one sigma away from standing. Sigma is half of the difference.
 
     In addition, every beginning and end of a bout may be half a frame off.
     """
@@ -149,7 +151,7 @@ class Postures(NamedTuple):
 
 def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> Postures:
     """Return the runs of frames in which the patient sits, and the runs in which the patient stands; in each run, the
-    pelvis is at rest for at least ``rest_s``. state (n,): as ``upright`` returns it.
+    pelvis is at rest for at least ``rest_s``. state (n,): ``UPRIGHT``, ``NOT_UPRIGHT`` or ``UNKNOWN``.
     """
     time_s, seconds, thigh = joints.time_s, frame_seconds(joints.time_s), stance.thigh_deg
     seated = hold(thigh >= config.seated_enter_deg, thigh < config.seated_leave_deg, np.isfinite(thigh)) == UPRIGHT
@@ -167,13 +169,13 @@ def settled_postures(joints: JointTable, stance: Stance, state: np.ndarray, conf
 
 
 def posture_stretches(stance: Stance, time_s: np.ndarray) -> list[slice]:
-    """Return the unbroken stretches in which the pelvis' height and the thighs' inclination are known."""
+    """Return the unbroken runs of frames in which the pelvis' height and the thighs' inclination are known."""
     return unbroken_runs(np.isfinite(stance.height + stance.thigh_deg), time_s)
 
 
 def transitions(joints: JointTable, stance: Stance, state: np.ndarray, config: TransitionConfig) -> list[Transition]:
-    """Return every change between sitting and standing in which no joint was lost. state (n,): as ``upright`` returns
-    it.
+    """Return every change between sitting and standing in which no joint was lost. state (n,): ``UPRIGHT``,
+    ``NOT_UPRIGHT`` or ``UNKNOWN``.
     """
     time_s, settled = joints.time_s, settled_postures(joints, stance, state, config)
     postures = sorted(
@@ -220,7 +222,8 @@ def _duration(session: Session, ones: list[Transition], kind: str, which: str) -
 
 def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) -> bool:
     """Return whether the pelvis stays near its lowest height in a run for long enough. height (k,): height of the
-    pelvis. For standing, pass it with the sign reversed, since the pelvis must then stay near its greatest height.
+    pelvis. For standing, pass the height with the sign reversed, since the pelvis must then stay near its greatest
+    height.
     """
     there = np.isfinite(height)
     if not there.any():
@@ -231,7 +234,8 @@ def _rests(seconds: np.ndarray, height: np.ndarray, config: TransitionConfig) ->
 
 def _needs_a_seat(behind_m: np.ndarray, config: TransitionConfig) -> bool:
     """Return whether, at some moment of a run, the centre of mass is too far behind the feet for them to carry the
-    patient alone; True if unknown. behind_m (k,): as in ``Stance``.
+    patient alone; True if unknown. behind_m (k,): distance in m of the centre of mass behind the midpoint of the
+    ankles.
     """
     measured_m = behind_m[np.isfinite(behind_m)]
     return not len(measured_m) or bool(measured_m.max() > config.behind_feet_m)
@@ -248,14 +252,14 @@ def _transition(
     way = (stance.height[before.start : after.stop] - start_level) / (end_level - start_level)
     middle = before.stop - before.start
     noise = float(np.nanmean(random_sigma(stance.height_sigma[before.stop - 1 : after.start + 1], JOINT_SHARE)))
-    noise /= abs(end_level - start_level)  # now as a share of the height's change, like ``edge``
-    shake = min(noise, 0.5 * config.edge)  # keeps ``edge - shake`` above 0
+    noise /= abs(end_level - start_level)  # ``noise`` is now a share of the height's change, like ``edge``
+    shake = min(noise, 0.5 * config.edge)  # at most half of ``edge``, so that ``edge - shake`` is above 0
     moves = [_moving(way, middle, edge) for edge in (config.edge, config.edge + shake, config.edge - shake)]
     lengths = [float(time_s[before.start + last] - time_s[before.start + first]) for first, last in moves]
     first, last = moves[0]
     step = usual_step_s(time_s[before.start : after.stop])
     off_s = 0.5 * abs(lengths[1] - lengths[2]) * noise / shake if shake else 0.0  # effect of ``noise`` on duration
-    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # error of sampling: ends lie between frames
+    sigma_s = np.hypot(off_s, step / np.sqrt(6.0))  # second term: error of sampling, since the ends lie between frames
     return Transition(
         SIT_TO_STAND if rises else STAND_TO_SIT,
         slice(before.start + first, before.start + last + 1),
@@ -267,7 +271,9 @@ def _transition(
 def _level(
     time_s: np.ndarray, height: np.ndarray, run: slice, settle_s: float, percentile: float, *, last: bool
 ) -> float:
-    """Return the height of a posture in the seconds next to the transition: the run's last seconds, or its first."""
+    """Return the height of a posture in the ``settle_s`` seconds of its run next to the transition: the run's last
+    seconds if ``last``, else its first seconds.
+    """
     times = time_s[run]
     near = times >= times[-1] - settle_s if last else times <= times[0] + settle_s
     return float(np.nanpercentile(height[run][near], percentile))  # ignores NaN: an ankle may be lost while seated
@@ -275,7 +281,7 @@ def _level(
 
 def _moving(way: np.ndarray, middle: int, edge: float) -> tuple[int, int]:
     """Return the first and last index of the movement around the index ``middle``. way (k,): height from 0 (before) to
-    1 (after); edge: as in ``TransitionConfig``.
+    1 (after); edge: share of this height that is left out at the beginning and at the end of the movement.
     """
     still, there = np.flatnonzero(way[: middle + 1] <= edge), np.flatnonzero(way[middle:] >= 1.0 - edge)
     first = int(still[-1]) if len(still) else 0

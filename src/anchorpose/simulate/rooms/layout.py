@@ -14,7 +14,8 @@ from anchorpose.simulate.rooms.walls import Outline
 TRIES: Final = 120  # maximum number of places that are tried for a piece
 CAMERA_CLEAR_M: Final = 0.7  # m, radius around the camera that stays free of furniture
 PATIENT_CLEAR_M: Final = 0.75  # m, radius around the patient that stays free for movements
-SIGHT_CLEAR_M: Final = 0.35  # m, free of furniture on each side of the line of sight from camera to patient
+# m, distance that furniture keeps on each side from the line of sight between camera and patient
+SIGHT_CLEAR_M: Final = 0.35
 LEGS_CLEAR_M: Final = 0.5  # m, minimum distance between the patient and furniture in front of the legs
 BELOW_SIGHT_M: Final = 0.04  # m; low furniture stays this far below the line from the camera to the patient's middle
 

@@ -15,7 +15,7 @@ from anchorpose.simulate.rooms.pieces import Piece, box, piece_of
 from anchorpose.simulate.rooms.walls import Panel
 from anchorpose.simulate.timeline import body_course, ease
 
-STEP_S: Final = 0.05  # s between the times for which the place of moved furniture is computed
+STEP_S: Final = 0.05  # s, step between the times for which the place of moved furniture is computed
 AHEAD_M: Final = 0.35  # m, distance between a person who pushes and the nearest part of the furniture
 OPENING_S: Final = 1.6  # s, time that a door takes to open
 BEFORE_S: Final = 3.0  # s, time before and after the recording for which places of furniture are computed, too
@@ -26,9 +26,9 @@ class Mover:
     """A piece of furniture that moves during the recording."""
 
     piece: Piece
-    times_s: np.ndarray  # (k,)
+    times_s: np.ndarray  # (k,) times for which the place is known
     places_m: np.ndarray  # (k, 2) x and z of the piece at ``times_s``
-    yaws: np.ndarray  # (k,) rad, positive to the left
+    yaws: np.ndarray  # (k,) rad, direction of the piece at ``times_s``, positive to the left
 
     def figure(self, time_s: float) -> Figure:
         """Return the piece of furniture at its place at a time, labelled as a part of the room."""

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 SEATED_MOTIONS: Final = ("reach", "arm-raise", "head")
 STANDING_MOTIONS: Final = ("standing", "weight-shift", "trunk", "head", "reach")
 BACK_REST_M: Final = 0.45  # m, height of the top of a chair's back rest above the seat
-RISING_S: Final = 2.0  # s, minimum duration of the movement to which a seat is fitted; ``_rising`` stands up earlier
+# s, minimum duration of the movement to which a seat is fitted, so that it includes the rise of ``_rising``
+RISING_S: Final = 2.0
 
 
 def draw_room_patient(rng: np.random.Generator, config: SimulationConfig, person: Person) -> Actor | CapturedActor:

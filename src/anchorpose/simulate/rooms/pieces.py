@@ -21,7 +21,7 @@ Place = tuple[float, float, float]
 class Piece:
     """A piece of furniture. Axes: y up, the floor at 0, the front towards +X."""
 
-    triangles: np.ndarray  # (n, 3, 3) m
+    triangles: np.ndarray  # (n, 3, 3) triangles of the surface, m
     shiny: np.ndarray  # (n,) bool, triangles of bare metal
 
     @property

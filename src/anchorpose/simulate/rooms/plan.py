@@ -57,9 +57,11 @@ ROOM_FOR_PASSER_M: Final = 2.2  # m, minimum distance from camera to patient for
 class RoomConfig:
     """The plan of one room. In the world frame, the patient is at the origin and faces +X."""
 
-    distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]  # from camera to patient along the floor
+    # m, distance from camera to patient along the floor
+    distance_m: Annotated[float, Field(ge=NEAREST_M, le=FARTHEST_M)]
     camera_height_m: Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
-    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]  # positive = downwards
+    # downward tilt of the camera; negative = upwards
+    tilt_rad: Annotated[float, Field(ge=-UPWARD_RAD, le=STEEPEST_RAD)]
     roll_rad: Annotated[float, Field(ge=-LARGEST_ROLL_RAD, le=LARGEST_ROLL_RAD)] = 0.0
     azimuth_rad: float = 0.0  # direction from the patient to the camera: 0 = in front, positive = left
     framing: Framing = "whole"
@@ -131,8 +133,8 @@ def draw_room_config(rng: np.random.Generator, sensor: str, stature_m: float) ->
 
 def in_image_rad(sensor: str, place: tuple[float, float, float], height_m: float) -> float:
     """Return the vertical position in the image of a point that is ``height_m`` above the patient's place. The position
-    is its angle above the optical axis, divided by half of the vertical field of view. Outside the image, it is beyond
-    ±1.
+    is its angle above the optical axis, divided by half of the vertical field of view. For a point outside the image,
+    the position is beyond ±1.
 
     place: the camera's distance_m, height_m, tilt_rad.
     """

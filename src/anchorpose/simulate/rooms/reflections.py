@@ -1,4 +1,4 @@
-"""Render a room without its people: all that never moves, furniture that moves, and the images in a mirror."""
+"""Render a room without its people: everything that never moves, furniture that moves, and the images in a mirror."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ def reflected(mirror: Mirror, figure: Figure) -> Figure:
 
 
 def take_picture(camera: Camera, triangles: np.ndarray, shiny: np.ndarray, mirror: Mirror | None) -> RoomPicture:
-    """Render all that never moves. triangles (n, 3, 3): world metres; shiny (n,) bool: triangles of bare metal."""
+    """Render everything in a room that never moves. triangles (n, 3, 3): world metres; shiny (n,) bool: triangles of
+    bare metal.
+    """
     shape = (camera.height, camera.width)
     directions = ray_directions(camera)
     glass = np.zeros((0, 3, 3)) if mirror is None else mirror.triangles

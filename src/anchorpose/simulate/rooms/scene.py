@@ -50,7 +50,7 @@ ROOM_KEY: Final = 1002  # key of a room's random streams; ``clinic`` and ``confi
 STREAMS: Final = ("plan", "patient", "programme", "walls", "people", "furniture", "spoil", "beyond")
 ASKEW_RAD: Final = 0.35  # rad, maximum angle between the line of sight and the room's long axis
 PERSON_CLEAR_M: Final = 0.5  # m, radius of the free area around a person who sits or stands
-WALK_CLEAR_M: Final = 0.35  # m on both sides of a walking person's path that stay free
+WALK_CLEAR_M: Final = 0.35  # m, width that stays free on each side of a walking person's path
 TRIES: Final = 200  # maximum number of places that are tried for a person
 SEATED_AHEAD: Final[dict[Posture, float]] = {"stands": 0.0, "stands-up": 0.5, "sits": 1.0}
 """Forward shift of the patient for each posture, which brings the pelvis to the place at which the camera is aimed. The
@@ -63,7 +63,7 @@ class RoomScene:
     """The content of a room in the world frame; the patient is at the origin and faces +X."""
 
     camera: Camera
-    triangles: np.ndarray  # (n, 3, 3) of all that never moves
+    triangles: np.ndarray  # (n, 3, 3) triangles of everything that never moves
     shiny: np.ndarray  # (n,) bool, triangles of bare metal
     mirror: Mirror | None
     patient: Actor | CapturedActor
@@ -74,14 +74,16 @@ class RoomScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draft:
-    """A room while it is being furnished, in the room frame: X from the camera to the patient, who is at the origin."""
+    """A room while it is being furnished, in the room frame: the patient is at the origin, and X points away from the
+    camera, at most ``ASKEW_RAD`` off the line of sight.
+    """
 
     config: SimulationConfig
     room: RoomConfig
-    yaw: float  # yaw of the room frame in the world
+    yaw: float  # rad, direction of the room frame's X axis in the world, positive to the left
     outline: Outline
     back: BackWall
-    camera_m: np.ndarray  # (3,)
+    camera_m: np.ndarray  # (3,) position of the camera
     taken: list[Lane]  # areas of the floor in which nothing more may be placed
     half_view: float  # tangent of half of the horizontal field of view
     doorways: list[Lane]  # paths of walking people; a side wall has a doorway where a path crosses it
@@ -251,7 +253,7 @@ def _furnish(rng: np.random.Generator, draft: _Draft, person: Person) -> None:
 
 
 def _finished(draft: _Draft, patient: Actor | CapturedActor, person: Person, seat: Piece | None) -> RoomScene:
-    """Return the finished draft in the world frame."""
+    """Return the room of the finished draft, in the world frame."""
     room, config = draft.room, draft.config
     walls = room_triangles(room_stream(config, "beyond"), draft.outline, draft.back, tuple(draft.doorways))
     still = [Piece(walls, np.zeros(len(walls), dtype=bool)), *draft.pieces]

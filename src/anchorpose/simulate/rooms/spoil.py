@@ -22,7 +22,7 @@ WRONG_M: Final = 0.25  # m, standard deviation of the error of a wrong reading
 class Spoil:
     """The disturbances of the depth images of one recording."""
 
-    dark: np.ndarray  # (b + 1,) bool, by part number as in ``TrueImage``: parts of the patient in black cloth
+    dark: np.ndarray  # (b + 1,) bool, by part number (1 + index of a bone): parts of the patient in black cloth
     dark_loss: float  # share of black cloth without a reading
     shiny_loss: float  # share of bare metal without a reading
     interference: bool  # whether another camera's light disturbs some frames

@@ -12,11 +12,11 @@ from anchorpose.simulate.rooms.keep_out import Lane
 from anchorpose.simulate.rooms.plan import RoomConfig
 
 WALL_M: Final = 2.7  # m, height of the walls
-DOOR_HEIGHT_M: Final = 2.05  # m
-DOOR_WIDTH_M: Final = 0.95  # m
+DOOR_HEIGHT_M: Final = 2.05  # m, height of all doorways
+DOOR_WIDTH_M: Final = 0.95  # m, width of all doorways
 CORRIDOR_M: Final = 1.3  # m, width of the corridors beside the room, from which people walk in
 TRIES: Final = 200  # maximum number of places that are tried for a panel
-BEHIND_MIRROR_M: Final = 0.004  # m from wall to mirror, the glass's thickness, so that rays meet the mirror first
+BEHIND_MIRROR_M: Final = 0.004  # m from wall to mirror: the glass's thickness, so that rays meet the mirror first
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Mirror:
 
     point_m: np.ndarray  # (3,) a point of the plane
     normal: np.ndarray  # (3,) unit normal towards the room
-    triangles: np.ndarray  # (2, 3, 3)
+    triangles: np.ndarray  # (2, 3, 3) the two triangles of the mirror
 
     def reflect(self, points_m: np.ndarray) -> np.ndarray:
         """Return the mirror images (..., 3) of points (..., 3), as far behind the mirror as the points are in front."""
@@ -76,7 +76,7 @@ def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> 
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
     range_m: the sensor's range. A door that opens during the recording is within this range. The mirror image of the
-    patient is within it, too, if the room has enough space.
+    patient is within this range, too, if the room has enough space.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8

@@ -1,4 +1,6 @@
-"""Draw the movements of a session's patient: knees that extend and hold, hands on and off the rails, and incidents."""
+"""Draw the movements of a session's patient: knees that extend and stay extended, hands on and off the rails, and
+incidents.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ ALWAYS_S: Final = 1e5  # s, a duration that is longer than any session
 BUCKLE_DEG: Final = (25.0, 50.0)  # degrees, range of a buckle's depth; a smaller bend does not count as a buckle
 BUCKLE_S: Final = (0.2, 0.45)  # s, range of the time in which the knee gives way, as in ``movements.buckle``
 CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then stays bent
-OTHER_KNEE: Final = 0.4  # bend of the other knee, since the pelvis sinks, as a share of the buckle's depth
+# bend of the other knee as a share of the buckle's depth; the other knee bends, too, since the pelvis sinks
+OTHER_KNEE: Final = 0.4
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
 # range of the share of the way up that a failed stand reaches; from about 0.7 on, the patient would be upright
@@ -30,7 +33,8 @@ FAILED_SHARE: Final = (0.42, 0.62)
 FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6  # s, time of rising, and of sinking back
 SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the onset of a trial with a failed stand
 
-FALL_M: Final = (0.32, 0.42)  # m, range of a fall's length; a fall takes the extrapolated centre of mass off the soles
+# m, range of a fall's length, enough to move the extrapolated centre of mass beyond the soles
+FALL_M: Final = (0.32, 0.42)
 FALL_S: Final = 0.8  # s, duration of the fall forward
 # s from the start of the fall until a foot leaves the floor, and from foot off until foot strike
 STEP_AFTER_S, STEP_S = 0.45, 0.35
@@ -49,9 +53,9 @@ SWELLS_S: Final = 0.3  # s, time in which a clonus grows at its beginning, and s
 class Happening:
     """An incident of the drawn movements, such as a buckle."""
 
-    kind: str  # as in ``TrueEvent``
-    start_s: float  # onset
-    end_s: float  # when the depth is greatest, a foot strikes or a clonus ends, as in ``TrueEvent``
+    kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
+    start_s: float  # onset of the incident
+    end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
     side: str | None  # left or right; None for a failed stand
 
 
@@ -92,7 +96,7 @@ def _both(channel: str, amount: float) -> tuple[tuple[str, float], ...]:
 
 
 def _holding(trial: PlannedTrial) -> Movement:
-    """Return the movement in which both knees extend, hold, and bend again."""
+    """Return the movement in which both knees extend, stay extended, and bend again."""
     offsets = zip(SIDES, trial.held_deg, strict=True)
     knees = tuple((f"knee_{side}", float(np.radians(held_deg - RESTING_DEG))) for side, held_deg in offsets)
     from_s, to_s = trial.holds_s
@@ -100,8 +104,9 @@ def _holding(trial: PlannedTrial) -> Movement:
 
 
 def _hands(trial: PlannedTrial) -> list[Movement]:
-    """Return movements that take the hands off the rails: for the whole trial if the trial is planned without hands; in
-    a trial with a failed stand, from before sitting down until standing; or around a recovery step.
+    """Return movements that take the hands off the rails. In a trial that is planned without hands, the hands are off
+    for the whole trial; in a trial with a failed stand, from before sitting down until standing; and in a trial with a
+    recovery step, around this step.
     """
     if trial.hands_off:
         return [_let_go(trial.onset_s - (SEATED_FROM_S + HANDS_S if trial.stands_s is not None else 0.0), trial.end_s)]
@@ -115,8 +120,8 @@ def _let_go(from_s: float, to_s: float) -> Movement:
 
 
 def _falls(trial: PlannedTrial) -> tuple[float, float]:
-    """Return the times at which the hands leave the rails for a recovery step and are back on them. The fall and the
-    recovery are in the middle of the time in which the knees stay extended.
+    """Return the time at which the hands leave the rails for a recovery step, and the time at which they are back on
+    the rails. The fall and the recovery are in the middle of the time in which the knees stay extended.
     """
     middle_s = sum(trial.holds_s) / 2.0
     return middle_s - RECOVERY_S / 2.0 - HANDS_S, middle_s + RECOVERY_S / 2.0

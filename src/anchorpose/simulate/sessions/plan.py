@@ -20,13 +20,15 @@ SHORTEST_TRIAL_S: Final = 10.0  # s, enough for a failed stand, standing up, and
 PAUSE_S: Final = 4.0  # s before every trial and after the last, in which the patient sits down or bends the knees
 BLOCK: Final = 2  # number of trials of each condition in a block; the order within a block is random
 
-# degrees, knee flexion of the standing patient between extensions; above 25, at which the measures end an extension
+# degrees, knee flexion of the standing patient between extensions; it exceeds 25 degrees, at which the measures end an
+# extension
 RESTING_DEG: Final = 30.0
 HELD_DEG: Final = (9.0, 15.0)  # degrees, range of the flexion of extended knees without stimulation
 SIDES_DEG: Final = 2.0  # degrees, maximum difference in flexion between a patient's extended knees
-# degrees, standard deviation of held knee flexion between trials; assumed for a patient with similar trials
+# degrees, standard deviation, between trials, of the flexion of extended knees; assumed for a patient with similar
+# trials
 SCATTER_DEG: Final = 1.5
-LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: that of a straight knee
+LEAST_DEG: Final = 1.0  # degrees, minimum knee flexion: the flexion of a straight knee
 LATENCY_S: Final = (0.8, 1.6)  # s, range of the time from a trial's onset until the knees begin to extend
 EXTENDING_S: Final = 1.0  # s, time in which the knees extend, and in which they bend again
 # Time from the moment at which the knees begin to bend again to the end of the trial, as a share of the trial, unless
@@ -70,14 +72,15 @@ class PlannedTrial:
     helped: bool
     hands_off: bool
     held_deg: tuple[float, float]  # flexion of the left and the right knee while they stay extended
-    extends_s: float  # when the knees begin to extend
-    lets_go_s: float  # when the knees begin to bend again
-    stands_s: float | None = None  # when the patient stands up after a failed stand; None without a failed stand
+    extends_s: float  # s, time at which the knees begin to extend
+    lets_go_s: float  # s, time at which the knees begin to bend again
+    # s, time at which the patient stands up after a failed stand; None without a failed stand
+    stands_s: float | None = None
     incident: Incident | None = None
 
     @property
     def condition(self) -> str:
-        """Return the trial's condition, as in the column trial_type of events.tsv."""
+        """Return the trial's condition, ``on`` or ``off``, which events.tsv has in the column trial_type."""
         return ON if self.amplitude_v > 0 else OFF
 
     @property
@@ -140,7 +143,7 @@ def _draw_order(rng: np.random.Generator, trials: int) -> tuple[list[bool], list
 
 
 def _draw_incidents(rng: np.random.Generator, config: SessionConfig) -> list[Incident | None]:
-    """Draw the incident of each trial, None for a trial without one."""
+    """Draw the incident of each trial, None for a trial without an incident."""
     found: list[Incident | None] = [None] * config.trials
     places = rng.permutation(config.trials)[: len(INCIDENTS) * config.incidents]
     for number, place in enumerate(places.tolist()):

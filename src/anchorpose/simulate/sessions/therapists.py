@@ -1,4 +1,6 @@
-"""Draw the therapists of a session, who crouch beside the patient. In trials with help, each holds knee and hip."""
+"""Draw the therapists of a session, who crouch beside the patient. In trials with help, each therapist holds a knee and
+a hip.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ COMES_S: Final = 0.8  # s, time in which a therapist moves nearer before the han
 def draw_session_therapists(
     rng: np.random.Generator, config: SimulationConfig, patient: Actor, plan: Sequence[PlannedTrial]
 ) -> tuple[Therapist, ...]:
-    """Draw the configuration's number of therapists, at most one on each side of the patient; they stay in place. No
-    therapist kneels on a side on which the patient lacks the knee.
+    """Draw the configuration's number of therapists, at most one on each side of the patient. The therapists stay in
+    place. No therapist kneels on a side on which the patient lacks the knee.
     """
     possible = tasks_on(patient, config)
     tasks = [task for name in config.therapist_tasks for task in possible if task.name == name]

@@ -19,7 +19,8 @@ TRUTH_HZ: Final = 100.0  # Hz, rate at which movements are sampled to measure an
 GRAVITY_M_S2: Final = 9.81
 SOLE_M: Final = 0.03  # m; skin, or a shoe's sole, below this height counts as on the floor
 _TURN: Final = np.radians(np.arange(0.0, 360.0, 5.0))
-DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])  # (2, 72) directions in which soles' extents are measured
+# (2, 72) directions in which the extent of the soles is measured
+DIRECTIONS: Final = np.stack([np.cos(_TURN), np.sin(_TURN)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class TrueEvent:
     """An incident with its true depth."""
 
     kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
-    start_s: float  # onset
+    start_s: float  # onset of the incident
     end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
     # in ``unit``. Buckle: bend in degrees. Clonus: amplitude in degrees. Failed stand: share of the way from seat to
     # straight legs. Recovery step: greatest distance (mm) of the extrapolated centre of mass beyond the soles before
@@ -110,7 +111,7 @@ def _centre_of_volume(skin_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def truth_arrays(plan: Sequence[PlannedTrial], patient: SessionPatient) -> dict[str, Any]:
-    """Return the arrays that truth.npz has only for a session."""
+    """Return the arrays that truth.npz contains only if the recording is a session."""
     events = true_events(patient)
     return {
         "event_kind": np.array([event.kind for event in events], dtype=np.str_),

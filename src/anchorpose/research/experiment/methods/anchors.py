@@ -35,8 +35,8 @@ class AnchorSetting:
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
-    # Whether a piece of surface that a hole cuts off from some anchors has an extra subset: the anchors that still
-    # reach it.
+    # Whether a piece of surface has an extra, smaller subset if a hole cuts the piece off from so many anchors that the
+    # others are too few for a subset. The extra subset has the anchors from which a path still leads to the piece.
     pieces: bool = True
 
 

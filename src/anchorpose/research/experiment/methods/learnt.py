@@ -24,7 +24,9 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    local: float = 0.0  # factor of SHOT's signature, which is appended to the place (in body heights); 0 = place only
+    # Factor by which SHOT's signature is multiplied before it is appended to the place (in body heights); 0 = no
+    # signature, the descriptor is the place
+    local: float = 0.0
 
 
 def _describe(seen: Observation, config: LearntConfig) -> np.ndarray:

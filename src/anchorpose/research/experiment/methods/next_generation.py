@@ -33,7 +33,7 @@ MOST: Final = 9.0
 # node changes the node's signature.
 MOST_SHOT: Final = 18.0
 # Maximum distance in m of a match from the predicted place. A hand at 3 m/s moves this far in 0.1 s, and its descriptor
-# still identifies it.
+# still identifies the hand.
 GIVEN_UP_M: Final = 0.30
 # number of nodes matched at once, to save memory: 500 nodes with 2,000 possible matches each need 4 MB
 ROWS: Final = 500
@@ -87,8 +87,8 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures are taken from the cache: if kept in this closure, they would need 16 MB for
-            # 2,000 nodes
+            # deviations of signatures are taken from the cache on each call: if this closure kept them, they would need
+            # 16 MB for 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
@@ -141,7 +141,7 @@ def most_similar(
     for node in range(len(local) if local.shape[1] else 0):
         likely = local[node].argmin()
         _add_up(_base(local, seen, others, per2, node, likely), seen, others, subsets, per2, node, likely, each, sums)
-        worst = sums.max()  # nodes that deviate more in signature and place alone are not the most similar
+        worst = sums.max()  # a node whose deviation in signature and place alone exceeds this is not the most similar
         for other in range(local.shape[1]):
             if local[node, other] > worst:
                 continue

@@ -1,4 +1,4 @@
-"""Define the paper's method exactly as its text describes it.
+"""Define the paper's method, exactly as the paper's text describes the method.
 
 The method's anchors are the paper's extrema. For each subset of three anchors, a node's match is the node nearest to
 the average of psi, the set of nodes with similar distances to these anchors. The paper's tree chooses among these

@@ -103,7 +103,7 @@ def _matplotlib(module: str) -> Any:
 def _settings(salt: str) -> Any:
     mpl = _matplotlib("matplotlib")
     plain: dict[str, Any] = dict(mpl.rcParamsDefault)
-    plain.pop("backend", None)  # removed, since no window is opened
+    plain.pop("backend", None)  # removes the setting of the backend, since no window is opened
     plain.pop("backend_fallback", None)
     plain |= {
         "svg.hashsalt": f"anchorpose {salt}",

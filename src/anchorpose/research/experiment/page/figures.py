@@ -38,8 +38,8 @@ PANELS = (
 
 
 def _draw_by_joint(tables: Sequence[Table], what: str) -> Any:
-    """Draw each joint's error, in one panel per group of families (``PANELS``). Every panel also shows the proposed
-    method.
+    """Draw each joint's error by every method, in one panel per group of families of methods (``PANELS``). Every panel
+    also shows the proposed method.
     """
     table = tables[0]
     present = {method.family for method in table.methods}

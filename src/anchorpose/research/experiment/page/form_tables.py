@@ -1,4 +1,5 @@
-"""Make tables by form of the tracking framework and by gap (time between two frames), and tables of "next generation".
+"""Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare "next
+generation" with the other methods.
 
 Forms of the framework differ in whether body parts are also registered to the surface, and in whether bad matches are
 rejected. Tables of "next generation" compare this method with every other method.
@@ -159,8 +160,8 @@ def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
 
 
 def _others(methods: Sequence[Method]) -> list[Method]:
-    """Return all methods except the next generation, to be compared with the next generation; an empty list if the next
-    generation is not among ``methods``.
+    """Return all methods except "next generation", with which they are compared; return an empty list if "next
+    generation" is not among ``methods``.
     """
     keys = {method.key for method in methods}
     return [method for method in methods if method.key != NEXT] if NEXT in keys else []

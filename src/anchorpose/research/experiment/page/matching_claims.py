@@ -25,10 +25,12 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-# minimum number of nodes of the timed mesh, as a share of the number of nodes of the paper's mesh; a short time on a
-# smaller mesh does not confirm the claim
+# Minimum number of nodes of the timed mesh, as a share of the number of nodes of the paper's mesh. With a smaller mesh,
+# the claim about times stays undecided.
 COMPARABLE: Final = 0.8
-CLEARLY_LESS: Final = 0.8  # maximum ratio of the error at head and neck to the error elsewhere for "clearly less"
+# Maximum ratio of the error at head and neck to the error elsewhere; up to this ratio, the error at head and neck counts
+# as clearly less
+CLEARLY_LESS: Final = 0.8
 # Minimum share of the matches of hands (or feet) that lie on the opposite hand (or foot), for the word "often" in the
 # claim. By chance, this share is 1 in 40.
 OFTEN: Final = 0.1
@@ -62,7 +64,7 @@ class MatchingClaims:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
         The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit of body
-        parts to the surface corrects errors that wrong matches cause.
+        parts to the surface corrects joints even if matches are wrong.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -200,8 +202,8 @@ class MatchingClaims:
         return checks
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
-        """Return texts with each method's share of matched nodes. The reader needs this share, since a method that
-        matches only easy nodes has a lower error.
+        """Return texts with each method's share of matched nodes. The reader needs this share to judge the errors,
+        since a method that matches only easy nodes may have a lower error.
         """
         lines = []
         for key in keys:

@@ -34,7 +34,9 @@ SECTIONS: Final = {
 """Title of each section of pictures, in the page's order. Pictures without a caption are in the section "other"."""
 
 FILES_ONLY: Final = "match"
-"""Section whose pictures are not on the page, since one picture per method would triple the page's size."""
+"""Section of pictures that are written as files only: on the page, these pictures, one per method, would triple the
+page's size.
+"""
 
 REMEDY: Final = "write a list of objects with file, caption and section, or remove the file"
 
@@ -161,7 +163,7 @@ def _figures(claim: Claim) -> str:
     """Return a short text on a claim's comparisons: the number of comparisons with each answer, and the range of their
     values.
 
-    If at most ``MOST_NAMED`` comparisons answer no, they are listed.
+    If at most ``MOST_NAMED`` comparisons answer no, the text lists these comparisons.
     """
     checks = claim.checks
     if len(checks) < 2:

@@ -225,7 +225,7 @@ def penalised_mm(match: Matched) -> np.ndarray:
 
 
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
-    """Return the function that returns the errors of a method's direct matches, as they are compared in the paper.
+    """Return the function that returns the errors of a method's direct matches, which the paper compares, too.
 
     For a method without direct matches, it returns the errors of the matches that the track tree chose.
     """

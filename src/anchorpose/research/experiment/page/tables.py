@@ -1,7 +1,7 @@
 """Define tables, and compute their values: means, medians and ratios of errors, with confidence intervals.
 
 In CSV files, each value (of one method in one column) has a line of its own; on the page, all values of a method stand
-in one line. Confidence intervals are computed by the bootstrap over recordings, not over frames.
+in one line. Confidence intervals are computed by the bootstrap, which draws whole recordings, not frames.
 """
 
 from __future__ import annotations

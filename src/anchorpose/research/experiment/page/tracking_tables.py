@@ -253,7 +253,8 @@ def _ablation_table(results: ExperimentResults, tracking: Tracking) -> Table:
     """
     methods = ablated(results.methods)
     rows = [row for scene in Scene for row in _ablation_rows(tracking, scene, methods, results.config.resamples)]
-    rows.sort(key=lambda row: methods.index(row.method))  # stable: the columns keep their order
+    # The sort is stable, so the columns of each method keep their order
+    rows.sort(key=lambda row: methods.index(row.method))
     note = (
         "The tracker without one component at a time; the same frames for all variants. The mean is over the joints "
         "that all variants found; “known” is the share of joints that a variant found."

@@ -67,8 +67,8 @@ def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
     The claim holds in part if at least half of the comparisons answer yes, or if more comparisons answer yes than no
-    and at least one comparison answers no. Otherwise the claim does not hold if any comparison answers no. If no
-    comparison answers no, it is undecided.
+    and at least one comparison answers no. Otherwise, the claim does not hold if any comparison answers no, and it is
+    undecided if no comparison answers no.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:

@@ -183,7 +183,8 @@ Shown = tuple[PaperTimes | None, tuple[str, ...]]
 
 
 def show(out: Path, spec: PlanSpec, trainers: Sequence[Clip]) -> Shown:
-    """Write the folder ``out / pictures``; return the times, and a sentence for each recording that failed.
+    """Write the folder ``out / pictures``; return the measured times of the paper's steps, and a sentence for each
+    recording that failed.
 
     The folder has no pictures if nothing can be drawn. Pictures are made from the last training recording, which has
     fast movements; if this fails, from the recording before it. Times are measured on a larger image
@@ -213,8 +214,8 @@ def _made_of(plan: Plan, trainers: Sequence[Clip]) -> str:
 
 
 def shown_before(out: Path, plan: Plan, trainers: Sequence[Clip]) -> Shown | None:
-    """Return the result that ``show`` had when it made the existing pictures; None if no pictures from the same inputs
-    exist.
+    """Return the times and sentences that ``show`` returned when it made the existing pictures; None if no pictures
+    from the same inputs exist.
     """
     try:
         account = json.loads((out / "pictures" / SHOWN).read_text(encoding="utf-8"))

@@ -1,4 +1,6 @@
-"""Provide parts of all pictures: pairs of frames with the truth, reproducible figures, level view, shaded meshes."""
+"""Provide the parts that all pictures use: pairs of frames with the truth, reproducible figures, a level view, shaded
+meshes.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ class View:
 
 
 def upright_view(camera: Camera) -> View:
-    """Return the camera's view, turned so that the world's Y points up in it, however the camera is mounted."""
+    """Return the camera's view, turned so that the world's Y points up in the picture, however the camera is
+    mounted.
+    """
     T_world_camera, up = camera.require_pose(), np.array([0.0, 1.0, 0.0])
     towards = -T_world_camera[:3, 2] * [1.0, 0.0, 1.0]
     length = float(np.linalg.norm(towards))
@@ -140,7 +144,7 @@ def frame_axes(axes: Axes, view: View, surfaces: list[tuple[Surface, float]]) ->
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    # not set_axis_off, with which the layout would leave no space for the title
+    # ``set_axis_off`` is not used, since the layout would then leave no space for the title
     axes.set(xticks=[], yticks=[], frame_on=False)
 
 

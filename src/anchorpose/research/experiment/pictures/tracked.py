@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 SECTION: Final = "tracked"
 MOMENTS: Final = 4
-# number of frames from one drawn frame to the next; at ten per second, the body moves visibly in these 0.3 s
+# number of frames from a drawn frame to the next drawn frame; at ten frames per second, the body moves visibly in these
+# 0.3 s
 APART: Final = 3
 KINDS: Final = (("tracked", GREEN, "^", 5.0), ("predicted", VERMILLION, "x", 5.0), ("truth", BLUE, "o", 7.0))
 """Kinds of joints, with colour, marker and size of their marks. Marks of the truth are hollow, and drawn on top."""
