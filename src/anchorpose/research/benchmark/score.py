@@ -129,7 +129,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the statistics of the errors in a task over all recordings. each: per recording, the questions about it."""
+    """Return the statistics of the errors in a task over all recordings. each: the questions about each recording."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]

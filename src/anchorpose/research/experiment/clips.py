@@ -154,7 +154,7 @@ def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: floa
     """Return (height, width) bool: the pixels of a depth image that lie within a hole around a point in the world.
 
     The hole's centre is the reading nearest to the point. Return None if no reading is within ``ON_BODY_M`` of the
-    point, or if the image or the point is unknown.
+    point, if the image cannot be read, or if the point is NaN.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

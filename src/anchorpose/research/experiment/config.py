@@ -30,11 +30,11 @@ class Form(StrEnum):
     of nodes.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
-    rejection leaves a node unmatched if all its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
-    node's predicted place. Such a form also gives outliers less weight (Cauchy's function) when the motion of a body
-    part is fitted. If too little of the patient's surface lies near the body in the fitted pose, or if the depth images
-    are more probable without the body, the form replaces this pose by the predicted pose. As a result, bad matches have
-    little effect.
+    rejection leaves a node unmatched if this costs less in the track tree than a match: a match costs its distance from
+    the node's predicted place, and a frame without a match costs ``TreeConfig.missed_cost_m``. Such a form also gives
+    outliers less weight (Cauchy's function) when the motion of a body part is fitted. If too little of the patient's
+    surface lies near the body in the fitted pose, or if the depth images are more probable without the body, the form
+    replaces this pose by the predicted pose. As a result, bad matches have little effect.
     """
 
     REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected

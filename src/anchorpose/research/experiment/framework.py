@@ -86,8 +86,8 @@ def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, s
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
     The prediction of poses (motion dynamics) uses joints of earlier frames, one frame in every ``stride`` frames. The
-    joints of these earlier frames are given, too. Their number is the number that the prediction uses, but frames
-    before the last loss of the patient are left out.
+    joints of these earlier frames are given, too: as many frames as the prediction uses, but only frames after the last
+    frame in which the patient was lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)

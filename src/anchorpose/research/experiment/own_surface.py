@@ -90,7 +90,7 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return a body's skin points with their distances and turns; the results for the last four bodies are cached."""
+    """Return the distances and turns of a body's skin points; the results for the last four bodies are cached."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)

@@ -41,11 +41,11 @@ class Tracked:
 class Matched:
     """One method's matches between two frames of a simulated recording.
 
-    Arrays have an entry for each of m nodes (points of the patient's mesh) of the first frame. These are the nodes whose
-    true place is seen in the second frame, or ``matching.COMPARED`` of them, drawn at random. Errors are distances of
-    the match from this place, NaN without a match. Direct matches are made without the track tree, which chooses
-    matches with the help of later frames. A method with several hypotheses (possible matches) per node has no direct
-    matches, since only the tree chooses among the hypotheses.
+    Arrays have an entry for each of m nodes (points of the patient's mesh) of the first frame. The m nodes are drawn at
+    random, at most ``matching.COMPARED``, from all nodes whose true place is seen in the second frame. Errors are
+    distances of the match from this place, NaN without a match. Direct matches are made without the track tree, which
+    chooses matches with the help of later frames. A method with several hypotheses (possible matches) per node has no
+    direct matches, since only the tree chooses among the hypotheses.
     """
 
     scene: Scene
@@ -116,9 +116,8 @@ MISSED_MM: Final = 100.0
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
     """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
-    A distance counts at most ``MISSED_MM``, since the framework's registration is robust to outliers: a worse match
-    does hardly more harm. tree_mm: one array (m,) for each pair of frames, NaN without a match. The result is NaN
-    without nodes.
+    A distance counts at most ``MISSED_MM``, since the forms of the framework that reject bad matches give outliers less
+    weight. tree_mm: one array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan

@@ -30,8 +30,8 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 class MeshHogConfig:
     """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
 
-    # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body in 0.1 s of computing per
-    # frame
+    # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body, at a computing time of
+    # 0.1 s per frame
     radius_m: Positive = 0.20
     # m; this radius averages out a depth camera's noise, and still resolves a forearm
     curvature_radius_m: Positive = 0.07
@@ -56,7 +56,7 @@ def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarra
     A row is NaN if the node has no position or normal, or if the function has no gradient at any node around it.
 
     The local frame consists of the node's normal, the direction in the tangent plane in which the surrounding nodes
-    have the largest gradients, and the direction perpendicular to both. Positions and gradients of the nodes within
+    with the largest gradients lie, and the direction perpendicular to both. Positions and gradients of the nodes within
     radius_m along the surface are projected onto the three planes of this frame. In each plane, the weight of such a
     node is the length of its projected gradient times a Gaussian of its distance. The weight is divided between the
     slices nearest to the node's position and the orientations nearest to its gradient. Three things differ from the

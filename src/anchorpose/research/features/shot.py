@@ -45,8 +45,8 @@ def shot(
     points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. A node without position is
     left out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
     ``local_frames``. Each sector s has 11 columns: s & 1 is 1 in the upper half, s >> 1 & 1 is 1 in the outer half, and
-    s >> 2 is the eighth of a turn, counted from -x. A row is NaN if the node has no frame, fewer than four nodes are
-    within the radius, or none of these nodes has a normal.
+    s >> 2 is the eighth of a turn, counted from -x. A row is NaN if the node has no frame, fewer than four other
+    nodes are within the radius, or none of these nodes has a normal.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)

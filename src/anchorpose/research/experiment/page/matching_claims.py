@@ -28,8 +28,8 @@ from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 # Minimum number of nodes of the timed mesh, as a share of the number of nodes of the paper's mesh. With a smaller mesh,
 # the claim about times stays undecided.
 COMPARABLE: Final = 0.8
-# Maximum ratio of the error at head and neck to the error elsewhere; up to this ratio, the error at head and neck counts
-# as clearly less
+# Maximum ratio of the error at head and neck to the error elsewhere. Up to this ratio, the error at head and neck is
+# clearly less, as the claim requires.
 CLEARLY_LESS: Final = 0.8
 # Minimum share of the matches of hands (or feet) that lie on the opposite hand (or foot), for the word "often" in the
 # claim. By chance, this share is 1 in 40.

@@ -51,10 +51,10 @@ class PagePicture:
 
 
 def read_pictures(folder: Path) -> list[PagePicture]:
-    """Return the PNG files of ``folder / pictures`` in the order of their captions, without the section ``FILES_ONLY``.
+    """Return the PNG files of ``folder / pictures`` in the order of their captions.
 
-    Files without a caption follow in the order of their names. Raises InputError if the captions cannot be read, or
-    name a missing file or section.
+    Files without a caption follow in the order of their names. Pictures of the section ``FILES_ONLY`` are left out.
+    Raises InputError if the captions cannot be read, or name a missing file or section.
     """
     place = folder / PICTURES_FOLDER
     captions = _captions(place / CAPTIONS_FILE)

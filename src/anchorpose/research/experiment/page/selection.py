@@ -209,7 +209,7 @@ def every_mm(match: Matched) -> np.ndarray:
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
     """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``.
 
-    Most nodes hardly move, so they would determine a result over all nodes.
+    Between neighbouring frames, most nodes hardly move, so a result over all nodes says little about moved nodes.
     """
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 

@@ -18,7 +18,8 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # largest ratio of the error with a hole to the error without that counts as "almost constant"
+# largest ratio of the error with a hole to the error without a hole for an error that counts as "almost constant"
+CONSTANT: Final = 1.1
 SIMILAR: Final = 2.0  # largest ratio of the worst joint's error to the best joint's error that counts as "similar"
 # mm, largest mean joint error that counts as "adequate": a forearm's width, so that the joint is on the correct limb
 ADEQUATE_MM: Final = 100.0

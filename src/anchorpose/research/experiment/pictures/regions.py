@@ -166,7 +166,7 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
     """Return three pictures of distorted distances: from the most affected anchor, from all anchors, by hole size.
 
-    Return none if the hole hides no node or every node, or if no anchor is seen.
+    The list is empty if the hole hides no node or every node, or if every anchor is missed or hidden.
     """
     lights = lights_of(holed, holed.hidden)
     if not lights:
