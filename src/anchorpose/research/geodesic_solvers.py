@@ -43,8 +43,8 @@ def solve_distance(
     """Return the distances (s, n) float32 in metres from each source, like ``geodesic_distance``, but by any solver.
 
     HEAT and EXACT use only triangles and give NaN at nodes that are connected by other edges only. HEAT and EXACT raise
-    ValueError if the surface has links or a source has no triangle, and MissingPackage if their package is not
-    installed.
+    ValueError if the surface has links or if a source has edges but no triangle, and MissingPackage if their package is
+    not installed.
     """
     if solver is Solver.FAST_MARCHING:
         return geodesic_distance(surface, sources, max_distance_m)
@@ -75,7 +75,9 @@ def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = n
 
 
 Prepared = Callable[[np.ndarray], np.ndarray]
-"""Function that takes some vertices of a patch and returns the distance (k,) of every vertex to the nearest of them."""
+"""Function that takes some vertices of a patch and returns the distance (k,) of every vertex of the patch to the
+nearest of the given vertices.
+"""
 
 Solve = Callable[[np.ndarray, np.ndarray], Prepared]
 """Function that prepares one patch, given by vertices (k, 3) and faces, to be solved many times."""

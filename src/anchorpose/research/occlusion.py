@@ -57,8 +57,9 @@ class Light:
     """The effect of the occlusion on distances from one node."""
 
     occlusion: Occlusion
-    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if only the occlusion
-    # disconnects the node, NaN for hidden nodes and for nodes that are not connected on the whole surface
+    # (n,) float32, by how much the distance to each node is longer than on the whole surface; inf if the node is
+    # disconnected only because of the occlusion, NaN for hidden nodes and for nodes that are not connected on the whole
+    # surface
     distortion_m: np.ndarray
 
     @property
@@ -121,8 +122,8 @@ def border_is_covered(lights: Sequence[Light]) -> bool:
     """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
 
     If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
-    least one of the nodes of ``lights``. If the result is false, an edge is not covered; all distances of nodes just
-    outside this edge are distorted.
+    least one of the nodes of ``lights``. If the result is false, some edge is not covered: the distances of nodes just
+    outside this edge are distorted, whatever node of ``lights`` they are measured from.
     """
     if not lights:
         return False

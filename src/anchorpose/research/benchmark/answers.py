@@ -1,4 +1,4 @@
-"""Read and check a folder of answers: answers.json, and tables of joints and of matches (CSV or Parquet)."""
+"""Read and check a folder of a method's answers: answers.json, and tables of joints and of matches (CSV or Parquet)."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ the node has no match.
 class JointAnswers:
     """The answers about the joints of one recording; values that the answers do not give are NaN."""
 
-    position_m: np.ndarray  # (t, 21, 3), world
-    sigma_m: np.ndarray  # (t, 21)
+    position_m: np.ndarray  # (t, 21, 3), metres, world, in t frames
+    sigma_m: np.ndarray  # (t, 21), metres, standard deviation of the position's error along each axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +57,7 @@ class Answers:
 
 
 def read_answers(folder: Path, benchmark: Benchmark) -> Answers:
-    """Return the answers about recordings in the benchmark folder; raises InputError about the first fault that is
-    found.
-    """
+    """Return the answers about recordings in the benchmark folder; raises InputError about the first fault found."""
     method, source = _read_about(folder / ABOUT)
     joints, matches = (_table_file(folder, name) for name in ("joints", "matches"))
     if joints is None and matches is None:
@@ -130,7 +128,9 @@ def _row(index: int) -> str:
 
 
 def codes_of(path: Path, name: str, values: np.ndarray, known: Sequence[str]) -> np.ndarray:
-    """Return (rows,) the index in ``known`` of each text; raises InputError for a text that is not in ``known``."""
+    """Return (rows,): for each text in ``values``, its index in ``known``; raises InputError for a text not in
+    ``known``.
+    """
     texts = pa.array(values, pa.string()).dictionary_encode()
     place = {text: index for index, text in enumerate(known)}
     codes = np.array([place.get(text, -1) for text in texts.dictionary.to_pylist()], np.int64)[texts.indices.to_numpy()]

@@ -16,14 +16,17 @@ from anchorpose.recording.document import read_json
 from anchorpose.results.tables import JointTable
 
 LABELLERS: Final = ("first", "second")
-# Pixels, half the width of a square around a label; the median depth in this square counts as the skin's depth
+# px, distance from a label to the outermost rows and columns of a square; the median depth in this square counts as the
+# depth of the skin
 PATCH_PX: Final = 3
 # m, maximum distances of a tracked joint in front of and behind the skin at the joint's label; a farther joint counts
 # as lost
 IN_FRONT_M, BEHIND_M = 0.10, 0.35
 TRUNK: Final = ("SpineShoulder", "SpineBase")
 BY_PROPORTION: Final = frozenset({"SpineShoulder", "SpineBase", "HipLeft", "HipRight"})
-"""Joints that clothes hide. Two labellers placed them by the body's proportions; their labels differ by up to 12 cm."""
+"""Joints that clothes hide. Two labellers estimated the positions of these joints from the body's proportions; the
+labels of the two differ by up to 12 cm.
+"""
 DEEP_M: Final = 0.10  # m, distance from the trunk's seen skin to its axis, which lies behind the skin
 
 
@@ -100,7 +103,8 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
     of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
-    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints without a reading at the label are left out.
+    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints of ``BY_PROPORTION``, and labels without a depth
+    reading, are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
@@ -129,7 +133,9 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels."""
+    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels, at the depth of
+    the label of ``one``.
+    """
     lens = camera.intrinsics
     return {
         name: float(np.hypot((c - other.joints[name][0]) / lens.fx, (r - other.joints[name][1]) / lens.fy) * z)
@@ -139,8 +145,8 @@ def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, cam
 
 
 def trunk_pixel(table: JointTable, row: int, camera: Camera) -> np.ndarray | None:
-    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if a joint of ``TRUNK`` is lost, or
-    if the middle is behind the camera.
+    """Return (3,) column, row and depth (m) of the tracked trunk's middle; None if a joint of ``TRUNK`` is lost, or if
+    the middle is not in front of the camera.
     """
     middle = table.position_m[row, [JOINT_INDEX[name] for name in TRUNK]].mean(axis=0)
     if not np.isfinite(middle).all():

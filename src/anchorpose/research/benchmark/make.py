@@ -37,7 +37,7 @@ from anchorpose.threads import one_thread
 DOCUMENT: Final = "benchmark.json"
 FORMAT: Final = "anchorpose-benchmark"
 REFERENCE: Final = "reference.json"  # file beside this module: fingerprints of recordings made on Linux, x86-64
-HOLE_SHARE: Final = 0.5  # share of a recording's frames with a hole, as in the paper; the first frame never has a hole
+HOLE_SHARE: Final = 0.5  # share of frames, drawn at random, that get a hole, as in the paper; the first frame gets none
 STEP: Final = 2  # pixels between neighbouring nodes, as in the tracker's mesh
 TRUTH_UNIT_M: Final = 1e-4  # m, true joints are rounded to multiples of this before their hash is computed
 
@@ -58,7 +58,8 @@ class Benchmark:
 
     folder: Path
     groups: tuple[Group, ...]  # groups (all recordings of a seed) that are complete in the folder
-    other_bytes: tuple[str, ...]  # a sentence for each recording whose fingerprint differs from ``reference``
+    # a sentence for each recording whose fingerprint differs from the published fingerprint
+    other_bytes: tuple[str, ...]
 
 
 def make_benchmark(
@@ -66,7 +67,8 @@ def make_benchmark(
 ) -> Benchmark:
     """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
 
-    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only checks the benchmark.
+    Recordings that an earlier run has finished are kept, so a call for a finished benchmark only computes fingerprints
+    and compares them with the published fingerprints.
 
     Raises InputError if the folder is not empty and is not a benchmark of this version.
     """
@@ -90,7 +92,9 @@ def make_benchmark(
 
 
 def open_benchmark(folder: Path) -> Benchmark:
-    """Return the content of a folder that ``make_benchmark`` wrote; raises InputError for any other folder."""
+    """Return the content of a folder that ``make_benchmark`` wrote; raises InputError for any other folder, and if a
+    file of true joints has changed since then.
+    """
     found = _read_document(folder)
     groups = tuple(group for group in ALL_GROUPS if set(group.recordings.values()) <= set(found))
     if not groups:
@@ -102,7 +106,10 @@ def open_benchmark(folder: Path) -> Benchmark:
 
 
 def unlike_reference(found: dict[str, Fingerprint]) -> list[str]:
-    """Return a sentence for each recording whose fingerprint differs from ``reference``. found: fingerprint by name."""
+    """Return a sentence for each recording whose fingerprint differs from the published fingerprint.
+
+    found: computed fingerprints by name of the recording; recordings without a published fingerprint are skipped.
+    """
     known, sentences = reference(), list[str]()
     for name, mark in found.items():
         expected = known.get(name)

@@ -19,7 +19,7 @@ compared.
 """
 
 SECONDS: Final = 6.0
-FPS: Final = 10.0  # frames per second; the paper's samples, too, are about a tenth of a second apart
+FPS: Final = 10.0  # frames per second; the paper's samples (frames), too, are about a tenth of a second apart
 GAPS: Final = {"association-0.1s": 1, "association-0.3s": 3, "association-1s": 10, "association-1.5s": 15}
 """Number of frames from the first to the second frame of a pair, by task. In these tasks, nodes are matched."""
 
@@ -45,8 +45,8 @@ SEEDS: Final = {
     Part.DEVELOPMENT: (range(7601, 7603), range(7651, 7652)),
     Part.TEST: (range(7701, 7711), range(7751, 7755)),
 }
-"""Seeds of each part, first of single recordings (one person, one camera), then of clinics (three cameras, a standing
-frame and two therapists). No setting of anchorpose was chosen on these recordings.
+"""Seeds of each part: first the seeds of single recordings (one person, one camera), then the seeds of clinics (three
+cameras, a standing frame and two therapists). No setting of anchorpose was chosen on these recordings.
 """
 
 

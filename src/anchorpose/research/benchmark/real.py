@@ -30,8 +30,8 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
     The error of a joint is its distance from the label, perpendicular to the line of sight. The labels of both
-    labellers count. A joint that is not at the labelled person's depth counts as missing. Raises InputError if no
-    recording has labels.
+    labellers count. A joint too far in front of or behind the labelled skin counts as missing. Only people in plain
+    view are scored. Raises InputError if no recording has labels.
     """
     names = labelled_recordings(labels)
     if not names:
@@ -49,7 +49,7 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Yield the error of each labelled joint in metres; inf if the answer is missing or not at the label's depth."""
+    """Yield the error of each labelled joint in metres; inf if the answer is missing or far from the label's depth."""
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:

@@ -1,6 +1,7 @@
-"""Score answers by task, and compare two sets of answers by the questions that both answer.
+"""Score a method's answers to the benchmark's questions, task by task, and compare the answers of two methods.
 
-A missing answer counts as an error above every limit. The share of missing answers is reported, too.
+In shares of small errors, such as ``within_50mm``, a missing answer counts as too large an error. The share of missing
+answers is reported, too.
 """
 
 from __future__ import annotations
@@ -22,16 +23,18 @@ from anchorpose.results.truth import read_truth
 from anchorpose.results.uncertainty import NORMAL_95
 
 WITHIN_MM, FAR_MM = 50.0, 100.0  # mm, largest errors that count in ``within_50mm`` and ``within_100mm``
-RESAMPLES: Final = 2000  # number of resamples of the bootstrap over recordings
+RESAMPLES: Final = 2000  # number of random draws of recordings from which the bootstrap computes each interval
 
 
 class Asked(NamedTuple):
-    """The m questions of a task about one recording, with their answers compared with the truth.
+    """The m questions of a task about one recording, each with the comparison of its answer with the truth.
 
-    A question is a node whose true place is seen in both frames of a pair, or a joint with a known truth in a frame.
+    A question asks for the node of a pair's second frame that matches a node of the first frame, if the true place of
+    that match is seen. In tasks of tracking, a question asks for the position of a joint in a frame, if the true
+    position is known.
     """
 
-    error_mm: np.ndarray  # (m,), distance of the answer from the truth; NaN without an answer
+    error_mm: np.ndarray  # (m,), distance of the answer from the truth; NaN for missing answers and "no match"
     none: np.ndarray  # (m,) bool, questions answered by "no match"
     moved: np.ndarray  # (m,) bool, nodes that moved by more than ``truth.MOVED_M``
     # (m, 3), by axis: 1 if the truth lies within 1.96 sigma of the answer, 0 if not, NaN if no sigma is given
@@ -42,7 +45,8 @@ class Asked(NamedTuple):
 class TaskScore:
     """The statistics of the errors in one task over all recordings; None = no data for this statistic.
 
-    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm are of the answered questions.
+    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm cover only questions that are
+    answered by a node or a position.
     """
 
     recordings: int
@@ -57,7 +61,7 @@ class TaskScore:
     moved: int  # number of nodes that moved by more than ``truth.MOVED_M``
     moved_median_mm: float | None
     moved_within_50mm: float | None
-    coverage_95: float | None  # of all coordinates with a sigma, share whose error is at most 1.96 sigma
+    coverage_95: float | None  # share of errors of at most 1.96 sigma, among all coordinates (x, y, z) with a sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,10 +70,11 @@ class Score:
 
     answers: Answers
     part: Part
-    # One sentence per recording whose fingerprint differs from the reference fingerprint, as in ``Benchmark``
+    # a sentence for each recording of the part whose fingerprint differs from the published fingerprint
     other_bytes: tuple[str, ...]
     tasks: Mapping[str, TaskScore]  # only tasks with at least one answer
-    asked: Mapping[str, Mapping[str, Asked]]  # the questions of all tasks in ``tasks``, by task and name of the group
+    # questions of the tasks in ``tasks``, by task and name of the group (recordings of a seed)
+    asked: Mapping[str, Mapping[str, Asked]]
 
 
 def score_answers(benchmark: Benchmark, answers: Answers, part: Part) -> Score:
@@ -124,7 +129,7 @@ def _together(each: Sequence[Asked]) -> Asked:
 
 
 def summarise(each: Sequence[Asked]) -> TaskScore:
-    """Return the statistics of the errors in a task. each: the questions about each recording."""
+    """Return the statistics of the errors in a task over all recordings. each: the questions about each recording."""
     error, none, moved, within = _together(each)
     given, covered = error[np.isfinite(error)], within[np.isfinite(within)]
     moved_error = error[moved]
@@ -146,8 +151,8 @@ def summarise(each: Sequence[Asked]) -> TaskScore:
 
 
 def compare(one: Score, other: Score) -> dict[str, dict[str, Any]]:
-    """Return, by task, the differences ``one`` minus ``other`` in two numbers (mm, within_50mm), with 95 % intervals
-    (_low, _high).
+    """Return, by task, the differences ``one`` minus ``other`` in two statistics (mm, within_50mm), with the ends of
+    their 95 % intervals (keys that end in _low and _high).
 
     mm: mean error over the questions that both answer, negative if ``one`` is better. within_50mm: share of all
     questions with an error of at most 50 mm, positive if ``one`` is better. Intervals come from the bootstrap over
@@ -185,8 +190,9 @@ def leader_board_row(score: Score) -> str:
     """Return a row of the leader board, the table in docs/benchmark.md.
 
     For each gap between the frames of a pair, a cell has the percentages of all nodes and of moved nodes that are
-    matched within 50 mm. For each size of hole and for clinics, a cell has the mean joint error (mm) and the percentage
-    of missing joints. The last cell has, for clinics, the percentage of axes on which the truth lies within 1.96 sigma.
+    matched within 50 mm. For each size of hole and for clinics, a cell has the mean joint error (mm), and the
+    percentage of missing joints if this is 0.05 % or more. The last cell has, for clinics, the percentage of joint
+    coordinates whose true value lies within 1.96 sigma of the answer.
     """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):

@@ -61,8 +61,9 @@ class PairTruth:
         """Return (n,): the distance along the skin of each match from the true place; NaN without a match, or if the
         true place is hidden or unknown.
 
-        match (n,): node of the second frame, negative = no match. If the straight distance is greater, it is returned
-        instead: the distance along the skin may be too short, since its ends are known only to the nearest vertex.
+        match (n,): node of the second frame, negative = no match. If the straight distance is greater than the distance
+        along the skin, the straight distance is returned: the distance along the skin may be too short, since its ends
+        are known only to the nearest vertex.
         """
         error, known = np.full(len(match), np.nan), (match >= 0) & self.places.seen
         matched = self.second_m[match[known]]

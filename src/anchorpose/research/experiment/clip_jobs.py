@@ -21,7 +21,9 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A part of an experiment (training or test): its clips, the plan of their tasks, and the tasks' costs."""
+    """A part of an experiment (training or test): its clips (recordings), the plan of their tasks, and the tasks'
+    costs.
+    """
 
     spec: PlanSpec
     clips: tuple[Clip, ...]

@@ -55,7 +55,7 @@ def plan_clips(config: ExperimentConfig, real: Path | None) -> list[Clip]:
 
 
 def real_clips(folder: Path) -> list[Clip]:
-    """Return the recording folders below ``folder`` that have a reference skeleton."""
+    """Return a clip for each recording folder in ``folder`` that has a reference skeleton (skeleton.npz)."""
     found = sorted(path.parent for path in folder.glob("*/skeleton.npz") if (path.parent / "recording.json").is_file())
     return [Clip(f"real-{path.name}", Scene.REAL, None, path) for path in found]
 
@@ -154,7 +154,7 @@ def within_hole(file: Path, camera: Camera, centre_m: np.ndarray, radius_m: floa
     """Return (height, width) bool: the pixels of a depth image that lie within a hole around a point in the world.
 
     The hole's centre is the reading nearest to the point. Return None if no reading is within ``ON_BODY_M`` of the
-    point.
+    point, if the image cannot be read, or if the point is NaN.
     """
     depth = read_depth_image(file, camera).depth_m
     if depth is None or np.isnan(centre_m).any():

@@ -26,13 +26,15 @@ class Scene(StrEnum):
 
 
 class Form(StrEnum):
-    """A form of the paper's tracking framework. The forms differ in how the pose is computed from the matches of nodes.
+    """A form (variant) of the paper's tracking framework. The forms differ in how the pose is computed from the matches
+    of nodes.
 
     A match of a node of the surface is a node of the next frame's surface. The paper rejects no match. A form with
-    rejection leaves a node unmatched if its possible matches are farther than ``TreeConfig.missed_cost_m`` from the
-    node's predicted place. Such a form also gives outliers less weight (Cauchy's function) when the motion of a body
-    part is fitted, and replaces a pose that explains too little of the frame by the predicted pose. Bad matches then
-    have little effect.
+    rejection leaves a node unmatched if this costs less in the track tree than a match: a match costs its distance from
+    the node's predicted place, and a frame without a match costs ``TreeConfig.missed_cost_m``. Such a form also gives
+    outliers less weight (Cauchy's function) when the motion of a body part is fitted. If too little of the patient's
+    surface lies near the body in the fitted pose, or if the depth images are more probable without the body, the form
+    replaces this pose by the predicted pose. As a result, bad matches have little effect.
     """
 
     REFINED = "surface"  # body parts are fitted to their matches, then to the surface (ICP); bad matches are rejected
@@ -76,11 +78,11 @@ class ExperimentConfig:
     fps: Annotated[Positive, Field(le=30)] = 10.0
     holes_m: tuple[float, ...] = PAPER_HOLES_M  # m, radii of the holes that are cut into depth images; 0 = no hole
     hole_share: Annotated[Positive, Field(le=1)] = 0.5  # share of the frames that get a hole, drawn at random
-    # Number of frames in a segment of a recording, one second by default. At the start of each segment, methods get the
-    # pose.
+    # Number of frames in a segment of a recording, one second by default. In the first frame of each segment, the pose
+    # is given to the methods.
     segment_frames: Annotated[Count, Field(ge=2)] = 10
     # Number of segments per recording on which every method runs, drawn at random. In the first of a segment's ten
-    # frames, the pose is given, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
+    # frames, the pose is given and not tracked, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
@@ -101,9 +103,9 @@ class ExperimentConfig:
     training_samples: Annotated[Count, Field(ge=40)] = 200
     # number of pairs of frames per training recording on which settings are tried, each pair without and with holes
     training_windows: Count = 2
-    # Whether each method's setting is chosen on the training recordings; False: every method uses its first setting
+    # whether each method's setting is chosen on the training recordings; False: every method uses its first setting
     tuned: bool = True
-    # Whether pictures of matches, hypotheses and tracked joints are drawn; False: tables and figures only
+    # whether pictures of matches, hypotheses and tracked joints are drawn; False: only tables and figures
     pictures: bool = True
     resamples: Annotated[Count, Field(ge=100)] = 2000  # number of random draws of recordings for a bootstrap interval
 

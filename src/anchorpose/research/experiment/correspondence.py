@@ -1,5 +1,5 @@
-"""Compute the true correspondence of simulated surfaces: for each node (point of the mesh that a camera sees) of a
-frame, the place in another frame of the skin point that the node shows.
+"""Compute the true correspondence of simulated surfaces: for each node (point of the patient's mesh) of a frame, the
+place in another frame to which the skin point at this node has moved.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 from anchorpose.simulate.clinic import Clinic, Performance, draw_clinic
 from anchorpose.simulate.config import SimulationConfig
 
-SEEN_M = 0.025  # m, twice the spacing of nodes; a skin point counts as seen if a node is within this distance
+# m, maximum distance from a skin point to the nearest node for the point to count as seen; twice the spacing of nodes
+SEEN_M = 0.025
 ON_SKIN_M = 0.05  # m, maximum distance from the skin of a node that is on the patient
 SPACING_M = 0.04  # m, spacing of the sampled skin points between which distances along the skin are computed
 
@@ -29,11 +30,11 @@ REGIONS = {
     "shank": ("Leg",),
     "foot": ("Foot", "Toe"),
 }
-"""Beginnings of the names of each region's bones, without Left or Right. A bone belongs to the region with the longest
-beginning that fits its name.
+"""Beginnings of the names of each region's bones, without Left or Right. If beginnings of several regions fit a bone's
+name, the longest beginning decides.
 """
 
-LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without sides; later regions are limbs
+LAST_WITHOUT_SIDE = 1  # index of "trunk" in ``REGIONS``, the last region without a left and a right side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,8 +88,8 @@ class Skin:
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) along the
-        mesh between these sampled vertices.
+        """Return the skin in the rest pose (v, 3), a sample (s,) of its vertices, and the distances (s, s) between
+        these sampled vertices along the edges of the mesh.
         """
         body = self.clinic.patient.person.body
         rest, faces = body.vertices, body.asset.faces

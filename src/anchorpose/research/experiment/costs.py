@@ -11,18 +11,20 @@ from anchorpose.research.experiment.config import ExperimentConfig, Scene
 from anchorpose.research.experiment.method import Family, Method
 from anchorpose.research.experiment.plan import Kind, Task
 
-# Time per frame of a scene, as a multiple of the time per frame of the paper's scene
+# time per frame of a scene, as a multiple of the time per frame of the paper's scene
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}
 USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without matching (``Method.frame_ms``)
 USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
-MAKING: Final = 2.0  # time to simulate a frame and to make its reference by tracking, as a multiple of ``own_s``
+# time per frame and camera to simulate a recording and track it for the reference, as a multiple of ``own_s``
+MAKING: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
     """Estimated computing times on one core, in seconds, by the key of the method."""
 
-    # s per frame for all forms of the framework and sizes of hole together, since they share descriptors and matches
+    # s per frame for all forms of the framework and all sizes of hole together; a sum of separate times would be too
+    # long, since forms and sizes share descriptors and matches
     frame_s: Mapping[str, float]
     alone_s: Mapping[str, float]  # s per frame, for one form of the framework and one size of hole
     window_s: Mapping[str, float]  # s per pair of frames whose matches are compared

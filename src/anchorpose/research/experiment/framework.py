@@ -1,5 +1,7 @@
-"""Run methods in the paper's framework, from a given pose. Methods differ only in how they match the nodes of the
-patient's mesh in two frames (Section V of the paper).
+"""Run methods in the paper's tracking framework, from a given pose.
+
+The methods differ in how they match the nodes of the patient's mesh in two frames (Section V of the paper). A few
+methods also differ in the options of ``Way`` or in settings of the tracker.
 """
 
 from __future__ import annotations
@@ -25,17 +27,19 @@ from anchorpose.tracker.observation import Start
 from anchorpose.tracker.preparation import prepare_room
 from anchorpose.tracker.room import Room, Run
 
-# m, stands for an unknown height where the body is set and no anchors are searched, since then no step needs a height
+# m, stands for the patient's unknown height in an observation without anchors, since only the search for anchors needs
+# the height
 NO_HEIGHT_M = np.nan
 NEVER_M = 1000.0  # m; no match is this far from its node's predicted place, so the track tree rejects no match
-# m, radius within which matches are searched; no node is farther away, so matches are searched among all nodes, as in
+# m, radius around a node's predicted place in which matches are searched, so large that all nodes are searched, as in
 # the paper
 ANYWHERE_M = 10.0
 ALL_NODES = 100_000  # maximum number of nodes that the track tree tracks, so large that it tracks all nodes
 PAPER_GATE = GateConfig(anchor_bound_m=0.05, surface_bound_per_m=0.01, search_radius_m=ANYWHERE_M)
 """The paper's limit of the change of a node's distance to an anchor between two frames, as a sum of two parts. The
-first part, 5 cm as in the paper, allows for the anchor's jitter. The second part grows with the distance and allows for
-noise of the surface; the paper calls this part a "linear function" and states no numbers.
+first part, 5 cm as in the paper, allows for the anchor's jitter. The second part allows for noise of the surface; it is
+proportional to the node's mean distance to the anchors. The paper calls this part a "linear function" and states no
+numbers; here it is 1 cm per metre.
 """
 
 
@@ -69,8 +73,8 @@ def paper_room(recording: Recording, reference: Reference, movements: Path) -> R
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
     """Return all data that are known before the first frame is tracked, with the configuration of ``paper_config``.
 
-    stride: number of frames from one used frame to the next. With a stride above 1, the prediction is the last pose: at
-    so low a rate, the reference movements have too few frames to predict a pose up to a second ahead.
+    stride: number of frames from one used frame to the next. With a stride above 1, the last pose serves as the
+    prediction: at so low a rate, the reference movements have too few frames to predict poses.
     """
     config = paper_config(movements, form)
     if stride > 1:
@@ -81,9 +85,9 @@ def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int =
 def start_at(frame: int, given: GivenFrames, run: Run, way: Way | None = None, stride: int = 1) -> PaperTracker:
     """Return a tracker that starts at a frame (position in the recording) in which the pose is given.
 
-    The prediction of poses (motion dynamics) uses joints of earlier frames, one in every ``stride`` frames. The joints
-    of these earlier frames are given, too: as many as the prediction uses, but only from frames after the patient was
-    last lost.
+    The prediction of poses (motion dynamics) uses joints of earlier frames, one frame in every ``stride`` frames. The
+    joints of these earlier frames are given, too: as many frames as the prediction uses, but only frames after the last
+    frame in which the patient was lost.
     """
     reference, way = given.reference, way or Way()
     tracker = PaperTracker(run, given_start(frame, given, run, way.anchored), way, given)

@@ -33,7 +33,7 @@ from anchorpose.tracker.room import Room, Run
 
 
 class NoReference(AnchorposeError):
-    """The error if the patient is not found in the recording without holes, so that no method can start."""
+    """The error that is raised if the patient is not found in a recording, so that no method can start."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +65,10 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track the recording without holes by this project's tracker. labelled: whether to include the labels of pixels.
+    """Track a recording by this project's tracker; for the reference of other methods, this is the recording without
+    holes.
+
+    labelled: whether to include the labels of pixels.
 
     Raises NoReference if no patient is found, and InputError if the cameras' poses in the world cannot be found.
     """
@@ -161,7 +164,8 @@ class GivenFrames:
         return None if self._cut[position] else self._uncut
 
     def start(self, position: int, observing: Hashable, make: Callable[[], Start]) -> Start:
-        """Return the start of tracking in the frame at a position, made only once for all runs of equal ``observing``.
+        """Return the start of tracking in the frame at a position, made only once for all runs with equal
+        ``observing``.
 
         observing: the settings on which the observation of a frame depends.
         """

@@ -55,8 +55,8 @@ class Matches:
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
     """Return the window that begins with a frame.
 
-    Return None if the patient was not found in this frame or is not seen in the next frame of the window. stride:
-    number of frames from one observation to the next, as in ``run_in``.
+    Return None if the patient was not found in this frame, or if the next frame of the window does not exist or does
+    not show the patient. stride: number of frames from one observation to the next, as in ``run_in``.
     """
     if not given.reference.found[frame] or frame + stride >= len(given):
         return None

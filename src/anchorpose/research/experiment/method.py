@@ -77,7 +77,7 @@ class Method:
     update: Update = Update.PARTS
     own_surface: bool = False
     content: str = ""  # digest of the file that defines the method; empty for methods of the package
-    frame_ms: float = 100.0  # approximate time per frame of 3,000 nodes on one core, for estimates of durations
+    frame_ms: float = 100.0  # ms, approximate time per frame of 3,000 nodes on one core, for estimates of durations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

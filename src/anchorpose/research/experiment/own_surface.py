@@ -31,25 +31,25 @@ LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that 
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
 # m per m of distance, added to SIGMA_M in quadrature, since limbs bend, and since the body model's sizes are inexact
 SIGMA_PER_M: Final = 0.02
-# Sigma of a turn (a sine). It is larger than a turn's error of 0.4, since ten turns are used but only four are
-# independent.
+# Standard deviation of a turn, which is the sine of an angle (see ``turns``). It is larger than a turn's error of 0.4,
+# since ten turns are used but only four are independent.
 TURN_SIGMA: Final = 0.6
 # Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
 # simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
 # Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# Limit for skin points that fit a node almost as well as the best point: their sum of squared deviations exceeds the
-# best point's sum by less than this.
+# Limit of the excess of a skin point's sum of squared deviations (each divided by its variance) over the best point's
+# sum. Below this limit, the point counts as fitting almost as well as the best point.
 ALMOST: Final = 2.0
-# m, maximum spread (standard deviation) of the skin points that fit a node almost as well as the best point: the width
-# of a thigh; a node with a larger spread has no match
+# m, maximum spread (standard deviation of the places) of the skin points that fit a node almost as well as the best
+# point; a node with a greater spread has no match. The value is the width of a thigh.
 CLEAR_M: Final = 0.10
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
 # Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
 # of ``SIGMA_M``.
 SETTLED_M: Final = 1e-4
-MOST_SWEEPS: Final = 30  # maximum number of sweeps until distances have converged
+MOST_SWEEPS: Final = 30  # maximum number of sweeps, for distances that do not converge earlier
 
 MIRRORED: Final = np.array(  # indices of the anchors, with left and right exchanged
     [ANCHOR_NAMES.index(name) for name in ("Head", "HandRight", "HandLeft", "FootRight", "FootLeft")]
@@ -60,7 +60,9 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns."""
+    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (see
+    ``turns``).
+    """
 
     distance_m: np.ndarray  # (p, 5), distances along the skin in the rest pose to the tips of head, hands and feet
     turns: np.ndarray  # (p, 10), see ``turns``
@@ -88,7 +90,7 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return distances and turns of a body's skin points; the results for the last four bodies are cached."""
+    """Return the distances and turns of a body's skin points; the results for the last four bodies are cached."""
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)

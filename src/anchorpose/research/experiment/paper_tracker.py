@@ -1,4 +1,4 @@
-"""Track the patient in the paper's framework, which computes the pose from the matches (Section IV)."""
+"""Track the patient in the paper's framework, which computes the pose from matches of surface nodes (Section IV)."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        # without rejection, the fitted pose is kept even if it explains too little of the frame
+        # without rejection, the fitted pose is kept even if ``posterior`` does not accept it
         if not robust and not found.found:
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found

@@ -154,8 +154,8 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the radii in metres of the clip's holes, 0 = no hole. With loose clothes, these are only 0 and the
-        largest radius.
+        """Return the radii in metres of the clip's holes, 0 = no hole. In training, these are 0 and ``TUNING_HOLE_M``;
+        otherwise, a clip with loose clothes has only 0 and the largest radius.
         """
         if self.training:
             return (0.0, TUNING_HOLE_M)
@@ -177,7 +177,10 @@ class Plan:
         return tuple(form for form in every if at_end or form.refined)
 
     def methods_on(self, clip: Clip) -> tuple[Method, ...]:
-        """Return all methods; in ``ABLATION_SCENES``, also the ablated variants of this project's tracker."""
+        """Return all methods; in ``ABLATION_SCENES``, also the ablated variants of this project's tracker.
+
+        The variants are left out if the tracker is not among the methods, or if ``config.ablation`` is False.
+        """
         own = any(method.family is Family.TRACKER for method in self.methods)
         ablated = own and self.config.ablation and clip.scene in ABLATION_SCENES
         return (*self.methods, *(ABLATED if ablated else ()))

@@ -1,7 +1,7 @@
 """Update the whole pose, instead of separate body parts, by a filter.
 
 The paper names "an EKF, UKF, or particle tracking filter" (Section III). The state is the pose. The measurements are
-the places of the nodes' matches, at which the skin points beside the nodes should lie.
+the places at which the skin points beside the nodes should lie. These places follow from the nodes' matches.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ def match_rows(
     """Return the constraints (rows of a least-squares system) that pull the skin point beside each node to the place of
     the node's match.
 
-    robust: whether matches far from the skin point have less weight. window: observations of this and later frames.
+    The match is shifted along the skin by the offset of the skin point from the node (``skin_places``).
+
+    robust: whether a match far from the skin point has less weight than a near match. window: observations of this and
+    later frames.
     """
     T_next_now = part_motion(now.transforms, body.transforms(predicted.pose))
     places = skin_places(now, hypothesis, window, T_next_now)
@@ -86,10 +89,10 @@ def particle_update(
 ) -> PoseBelief:
     """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by ``rows``.
 
-    With sixty-six parameters, a single particle would have all the weight. So the likelihood is tempered (Neal 2001,
-    doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the particles stay
-    effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that keeps their
-    mean and covariance (Liu and West 2001).
+    The pose has sixty-six parameters, so a single particle would get all the weight. So the likelihood is tempered
+    (Neal 2001, doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the
+    particles stay effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that
+    keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
@@ -129,7 +132,10 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest power of the likelihood, up to ``left``, with enough (``EFFECTIVE``) effective particles."""
+    """Return the largest power of the likelihood at which enough particles (``EFFECTIVE``) stay effective.
+
+    left: the power that remains to be applied, which is the maximum.
+    """
 
     def effective(share: float) -> float:
         return 1.0 / float((_weights(share * log_weight) ** 2).sum())

@@ -41,10 +41,11 @@ class Tracked:
 class Matched:
     """One method's matches between two frames of a simulated recording.
 
-    Arrays have an entry for each of the m nodes (points of the patient's mesh) of the first frame whose true place is
-    seen in the second frame. Errors are distances of the match from this place, NaN without a match. Direct matches are
-    made without the track tree, which chooses matches with the help of later frames. A method with several hypotheses
-    (possible matches) per node has no direct matches, since only the tree chooses among the hypotheses.
+    Arrays have an entry for each of m nodes (points of the patient's mesh) of the first frame. The m nodes are drawn at
+    random, at most ``matching.COMPARED``, from all nodes whose true place is seen in the second frame. Errors are
+    distances of the match from this place, NaN without a match. Direct matches are made without the track tree, which
+    chooses matches with the help of later frames. A method with several hypotheses (possible matches) per node has no
+    direct matches, since only the tree chooses among the hypotheses.
     """
 
     scene: Scene
@@ -58,8 +59,8 @@ class Matched:
     tree_mm: np.ndarray  # (m,), straight distance from the true place to the track tree's match
     direct_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the direct match
     tree_skin_mm: np.ndarray  # (m,), distance along the skin from the true place to the track tree's match
-    # (m,) bool, whether the match is on the same part of the other side, such as the other hand. The match is the
-    # direct match or, without a direct match, the match of the track tree.
+    # (m,) bool, whether the match is on the same part of the body's other side, such as the other hand. The match is
+    # the direct match or, without a direct match, the match of the track tree.
     mirrored: np.ndarray
     nodes: int  # number of all nodes of the first frame
     describe_s: float  # seconds on one core for the descriptors and anchors of two frames, and the matches between them
@@ -74,7 +75,7 @@ class TriedSetting:
     """One setting of a method that was tried on the training recordings."""
 
     setting: str
-    score_mm: float  # mean distance of the setting's matches from the truth; ``MISSED_MM`` for a node without a match
+    score_mm: float  # mm, mean distance of the track tree's matches from the truth, as in ``capped_mean_mm``
     chosen: bool
 
 
@@ -104,7 +105,7 @@ class ExperimentResults:
     tracked: tuple[Tracked, ...]
     matched: tuple[Matched, ...]
     times: PaperTimes | None  # None if times were not measured
-    failed: tuple[str, ...]  # a sentence for each recording that could not be used
+    failed: tuple[str, ...]  # sentences on recordings that could not be used or drawn, or that lack results
     real: Path | None  # folder of real recordings
 
 
@@ -115,15 +116,15 @@ MISSED_MM: Final = 100.0
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
     """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
-    A distance counts at most ``MISSED_MM``, since the framework's registration is robust to outliers. tree_mm: one
-    array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
+    A distance counts at most ``MISSED_MM``, since the forms of the framework that reject bad matches give outliers less
+    weight. tree_mm: one array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan
 
 
 def choose(settings: Sequence[object], scores_mm: Sequence[float]) -> tuple[TriedSetting, ...]:
-    """Return the tried settings of a method. Each tried setting has its score, and states whether it is chosen.
+    """Return the tried settings of a method, each with its score and the flag ``chosen``.
 
     The setting with the smallest score is chosen, or the first of equally good settings; without scores, the first of
     all settings is chosen.

@@ -106,9 +106,9 @@ def run_experiment(
 ) -> ExperimentResults:
     """Run the whole experiment into a folder; stored results of an earlier run in this folder are used again.
 
-    real: a folder of recordings with reference skeletons, or None. report: called with sentences on the state of the
-    work. Raises InputError if ``out`` has files but no earlier run, a method is unknown or ``real`` contains no
-    recording, and MissingPackage without matplotlib.
+    real: a folder of recordings with reference skeletons, or None. report: function that is called with sentences on
+    the state of the work. Raises InputError if ``out`` has files but no earlier run, a method is unknown or ``real``
+    contains no recording, and MissingPackage without matplotlib.
     """
     _require_matplotlib()
     check_place(out, real)

@@ -1,4 +1,4 @@
-"""Compute with angles in compiled functions: fast arctangents, and the peaks of histograms around a circle."""
+"""Provide compiled functions for angles: fast arctangents, and peaks of histograms whose bins are directions."""
 
 from __future__ import annotations
 
@@ -52,8 +52,9 @@ def turn_fraction(x: float, y: float, begin: float) -> float:
 
 @njit(cache=True)
 def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
-    """Divide a weight between the two bins whose middles are nearest to the direction ``fraction``, a share of a
-    turn.
+    """Divide a weight between the two bins whose middles are nearest to a direction; the nearer bin gets more.
+
+    fraction: the direction, as a share of a turn.
     """
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))

@@ -25,10 +25,10 @@ CLIP: Final = 0.2  # maximum value in a descriptor of unit length, so that a sin
 def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: float, slopes: np.ndarray) -> None:
     """Fill slopes (>= count, 5) with each triangle's weight, centre (x, y) and gradient of the height.
 
-    local (m, 3): tangential x, y and height of the vertices. triangles (>= count, 3): the corners of each triangle, as
-    row numbers of ``local``. half: metres, half the width of the image's four cells in a row. A triangle's weight is
-    twice its area as seen in the image, times a Gaussian of its centre's distance from the node; it is 0 for a triangle
-    seen from below or edge on.
+    local (m, 3): coordinates of the vertices: x and y in the node's tangent plane, and the height above this plane.
+    triangles (>= count, 3): the corners of each triangle, as row numbers of ``local``. half: metres, half the width of
+    the image's four cells in a row. A triangle's weight is twice its area as seen in the image, times a Gaussian of its
+    centre's distance from the node; it is 0 for a triangle seen from below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
@@ -45,9 +45,9 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
 @njit(cache=True)
 def outline_angle(slopes: np.ndarray, count: int) -> float:
-    """Return the direction, as a share of a turn, of the longer principal axis of the triangles' centres.
+    """Return the direction, as a share of a turn, in which the triangles' centres spread most around the node.
 
-    Of the axis's two directions, the direction in which the surface rises is returned. The result is NaN without a
+    Of the two opposite directions, the direction in which the surface rises is returned. The result is NaN without a
     surface.
     """
     xx, xy, yy, rise_x, rise_y, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -147,8 +147,9 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
     image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
     Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation is counted from the
     direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
-    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, clipped, and
-    scaled again. Source: Lowe 2004 (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
+    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, values above
+    ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
+    (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
     bins = np.zeros((CELLS + 2, CELLS + 2, ORIENTATIONS))  # the cells have a margin, one cell wide, which is discarded

@@ -1,5 +1,6 @@
-"""Measure how far two surfaces are from isometric by the paper's d_PE: half the smallest distortion of any map from one
-surface to the other.
+"""Measure how far two surfaces are from isometric (equal in all distances along the surface) by the paper's d_PE.
+
+d_PE is half the smallest distortion of any map from the first surface to the second.
 
 See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
 (equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the

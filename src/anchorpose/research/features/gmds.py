@@ -3,10 +3,10 @@
 Samples are nodes of the source surface that lie far apart; candidates are nodes of the target surface that lie far
 apart. Samples are mapped so that the distances between them change as little as possible. First, branch and bound maps
 the few farthest samples onto few candidates and keeps the best maps that differ from each other. Next, all samples are
-mapped onto more candidates. Finally, in the best maps, each sample may move to any node of the target. All other nodes
-are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
-(doi:10.1073/pnas.0508601103): this module minimises the authors' sum of squares, and finds the initial map by branch
-and bound.
+mapped onto more candidates. Finally, in the best maps, each sample may move from its candidate to any node of the
+target. All other nodes are mapped by their distances to the samples. Source: Bronstein, Bronstein and Kimmel 2006
+(doi:10.1073/pnas.0508601103): as the authors do, this module minimises a sum of squares; the initial map is found by
+branch and bound.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 APART_M: Final = 1e3  # m, assumed distance between separate pieces of surface, far greater than distances on a body
-FIRST_LIMIT_M: Final = 0.02  # m, limit of the RMS change of distances in ``_starts``; doubled until enough maps exist
+# m, maximum RMS change of distances of the maps in ``_starts``; the limit is doubled until enough maps are found
+FIRST_LIMIT_M: Final = 0.02
 
 
 def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +62,7 @@ def field_from(surface: Surface, node: int) -> np.ndarray:
 
 @settings
 class GmdsConfig:
-    """Resolution and effort of the search."""
+    """Settings of the search for the best map, which determine its resolution and its computing time."""
 
     # Number of samples, which are 7 cm apart on a body. With 50 samples, the mirror image would more often fit as well
     # as the truth.
@@ -69,7 +70,9 @@ class GmdsConfig:
     first_samples: Count = 6  # number of samples that are mapped first, usually head, hands, feet and one more sample
     first_candidates: Count = 60  # number of candidates for the first samples, 10 cm apart on a body
     candidates: Count = 200  # number of candidates for all samples, 5 cm apart on a body
-    starts: Count = 24  # number of maps of first samples that are extended to all; many mirror the body or swap limbs
+    # number of maps of the first samples that are extended to all samples; many of these maps mirror the body or swap
+    # limbs
+    starts: Count = 24
     finalists: Count = 3  # number of best maps in which, in the last step, samples may move from candidates to any node
     # Maximum change of a distance in m; greater changes count as this value, since all distances to a hand change when
     # it touches the body.
@@ -96,7 +99,7 @@ class GmdsMaps:
     samples: np.ndarray  # (k,) int32, nodes of the source
     places: np.ndarray  # (m, k) int32, nodes of the target, one row per map
     stress_m: np.ndarray  # (m,) float64, root mean square of the capped changes of distance
-    proven: bool  # whether the map of the first samples onto the first candidates is proven to be the best
+    proven: bool  # whether it is proven that no better map of the first samples onto the first candidates exists
 
 
 def match_by_gmds(source: Surface, target: Surface, config: GmdsConfig | None = None) -> np.ndarray:
@@ -136,8 +139,9 @@ def _solve(source: Surface, target: Surface, config: GmdsConfig) -> tuple[GmdsMa
 
 
 def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
-    """Return a surface of the finite nodes on pieces of at least the share ``min_piece``, and their numbers on
-    ``surface``.
+    """Return the surface of the finite nodes on large pieces, and the numbers of these nodes on ``surface``.
+
+    A piece is large if it has at least the share ``min_piece`` of all finite nodes.
     """
     node = np.flatnonzero(np.isfinite(surface.points_m).all(axis=1)).astype(np.int32)
     finite = keep_nodes(surface, np.isin(np.arange(len(surface)), node))
@@ -148,7 +152,7 @@ def _usable(surface: Surface, min_piece: float) -> tuple[Surface, np.ndarray]:
 
 def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tuple[np.ndarray, bool]:
     """Return (m, k) int32 maps of the first samples to candidates, best first, and whether it is proven that no map is
-    better.
+    better than the first.
     """
     few = min(config.first_samples, len(among_a))
     a = np.ascontiguousarray(among_a[:few, :few])
@@ -175,7 +179,7 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return up to ``count`` maps of least stress, without maps that nearly equal a better one."""
+    """Return up to ``count`` maps of least stress, without maps that nearly equal a better map."""
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -191,7 +195,10 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move each sample in turn to the node of least stress until none moves; return places, their fields and stress."""
+    """Move each sample in turn to the node of least stress, until no sample moves or all sweeps are done.
+
+    Return the samples' places, the distance fields of these places, and the stress.
+    """
     places, fields, unmoved = places.copy(), fields.copy(), 0
     for step in range(config.sweeps * len(places)):
         at = step % len(places)

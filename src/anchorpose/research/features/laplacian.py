@@ -1,13 +1,14 @@
 """Compute the Laplace-Beltrami operator of a surface's triangles, on their intrinsic Delaunay triangulation.
 
 Depth meshes have slivers (very thin triangles) along their outline. The cotangents of their obtuse angles are strongly
-negative, so in the operator heat would flow from cold to warm. Therefore edges are flipped within the surface: the edge
-between two triangles is replaced by the other diagonal of their quadrilateral. Flipping uses lengths alone, changes no
-distance and leaves no negative weight. Outline edges have a triangle on one side only. Therefore each triangle exists
-twice, as front and as back. Front and back are glued along the outline, where this mirror image satisfies Neumann's
-condition. If an edge has three or more triangles, each triangle is glued to the next in the same way. Sources: Bobenko
-and Springborn 2007 (doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides
-of each triangle and the slight lengthening of edges.
+negative, so heat would, according to the operator, flow from cold nodes to warm nodes. Therefore edges are flipped
+within the surface: the edge between two triangles is replaced by the other diagonal of their quadrilateral. Flipping
+needs only the lengths of edges, changes no distance on the surface and leaves no negative weight. Outline edges have a
+triangle on one side only. Therefore each triangle exists twice, as front and as back. Front and back are glued along
+the outline, where this mirror image satisfies Neumann's condition (no heat flows across the outline). If an edge has
+three or more triangles, each triangle is glued to the next in the same way. Sources: Bobenko and Springborn 2007
+(doi:10.1007/s00454-007-9006-1), the flips; Sharp and Crane 2020 (doi:10.1111/cgf.14069), both sides of each triangle
+and the slight lengthening of edges.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from scipy.sparse.csgraph import connected_components
 from anchorpose.surface.mesh import faces
 from anchorpose.surface.surface import Surface
 
-MIN_SLACK: Final = 1e-5  # minimum excess of two sides of a triangle over the third, as a share of the mean edge length
+# minimum excess of the sum of two sides of a triangle over the third side, as a share of the mean edge length
+MIN_SLACK: Final = 1e-5
 FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
 # rounding error of the sum of two cotangents; an edge is flipped if its sum of cotangents is more negative than this
 TOLERANCE: Final = 1e-9
@@ -90,10 +92,10 @@ def intrinsic_delaunay(points_m: np.ndarray, triangles: np.ndarray) -> tuple[np.
 
 
 def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (h,), h = 6 f, with one value per half-edge.
+    """Return three arrays (h,), h = 6 f, with one value per half-edge (a side of one triangle, with a direction).
 
-    tail: the half-edge's first node. after: the next half-edge of the same triangle. twin: the half-edge between the
-    same two nodes in the opposite direction, in the triangle that is glued to this one.
+    tail: the half-edge's first node. after: the next half-edge of the same triangle. twin: the opposite half-edge (same
+    two nodes, other direction), in the triangle to which this side is glued.
     """
     corners = np.concatenate([triangles, triangles[:, [0, 2, 1]]])
     tail = corners.ravel()
@@ -115,7 +117,10 @@ def _both_sides(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 @njit(cache=True)
 def _flip_all(tail: np.ndarray, after: np.ndarray, twin: np.ndarray, length: np.ndarray) -> int:
-    """Flip edges in place until every edge is Delaunay; return the number of flips."""
+    """Flip edges in place until every edge is Delaunay (its two opposite angles sum to at most half a turn).
+
+    Return the number of flips, which is at most ``FLIPS_PER_EDGE`` per half-edge.
+    """
     waiting, queued = np.arange(len(tail)), np.ones(len(tail), np.bool_)
     first, size, flips = 0, len(tail), 0
     while size > 0 and flips < FLIPS_PER_EDGE * len(tail):
@@ -152,7 +157,9 @@ def _other_diagonal(h: int, g: int, after: np.ndarray, length: np.ndarray) -> fl
 
 @njit(cache=True)
 def _area(h: int, after: np.ndarray, length: np.ndarray) -> float:
-    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, stable for slivers."""
+    """Return the area of the half-edge's triangle by Heron's formula in Kahan's order, which is accurate for
+    slivers.
+    """
     a, b, c = length[h], length[after[h]], length[after[after[h]]]
     long, short = max(a, b, c), min(a, b, c)
     mid = max(min(a, b), min(max(a, b), c))

@@ -73,7 +73,11 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
 
 
 def _fans(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """List each triangle at its first node; return each node's start (n + 1,) int64, other nodes (f, 2) int32."""
+    """List each triangle at its first node.
+
+    Return the index of each node's first triangle in the list (n + 1,) int64, and the other two nodes of each triangle
+    (f, 2) int32.
+    """
     order = np.argsort(triangles[:, 0], kind="stable")
     start = np.searchsorted(triangles[order, 0], np.arange(count + 1))
     return start.astype(np.int64), np.ascontiguousarray(triangles[order, 1:])

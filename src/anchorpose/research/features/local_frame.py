@@ -18,11 +18,11 @@ SWEEPS = 12  # maximum number of sweeps of Jacobi rotations; convergence is quad
 def local_frames(points_m: np.ndarray, neighbours: Neighbours, normals: np.ndarray | None = None) -> np.ndarray:
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN where undefined.
 
-    points_m (n, 3). x lies along the widest spread and z across the surface; each points to the side with more
-    neighbours. If both sides have the same number, only five neighbours count: the middle five when sorted by distance.
-    normals (n, 3): if given, z points to the side of the node's normal instead; on a nearly flat surface, noise decides
-    which side has more neighbours. A frame is undefined if the node has fewer than five neighbours at other positions,
-    or no normal although normals are given.
+    points_m (n, 3). x lies along the widest spread of the neighbours, and z along the narrowest spread, across the
+    surface. Each of these axes points to the side with more neighbours. If both sides have the same number, only five
+    neighbours count: the middle five when sorted by distance. normals (n, 3): if given, z points to the side of the
+    node's normal instead; on a nearly flat surface, noise decides which side has more neighbours. A frame is undefined
+    if the node has fewer than five neighbours at other positions, or no normal although normals are given.
     """
     points = as_points(points_m, "points_m")
     unit = as_points(normals, "normals") if normals is not None else np.empty((0, 3), np.float32)

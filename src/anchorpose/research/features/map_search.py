@@ -14,13 +14,13 @@ from numba import njit
 def branch_and_bound(
     a: np.ndarray, b: np.ndarray, cap: float, limit: float, kept: int, same: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the exactly best map of k samples onto n candidates, and the best maps that differ from it.
+    """Return the best of all maps of k samples onto n candidates, and the best maps that differ from it.
 
     a (k, k), b (n, n): float32 distances in each set. The cost of a map is the sum of the squared, capped changes over
     all pairs of samples. limit: maps with at least this cost are ignored. same: maximum distance (m) between the two
     places of every sample in maps that count as the same; of such maps, only the better map is kept. Returns maps
-    (kept, k) int32 and costs (kept,) float64, best first, inf = no map, and the number of branches visited, which is
-    ``steps`` if the search gave up.
+    (kept, k) int32 and costs (kept,) float64, best first, inf = no map, and the number of branches visited. This number
+    is ``steps`` if the search gave up; a better map may then exist.
     """
     depth, count = len(a), len(b)
     maps, costs = np.full((kept, depth), -1, np.int32), np.full(kept, np.inf)
@@ -57,7 +57,9 @@ def branch_and_bound(
 
 @njit(cache=True, error_model="numpy")
 def _place_sample(a: np.ndarray, b: np.ndarray, level: int, place: int, cap: float, table: np.ndarray) -> float:
-    """Put sample ``level`` at a place, and fill table[level + 1] with the cost of each later sample at each candidate.
+    """Map sample ``level`` to the candidate ``place``.
+
+    Fill table[level + 1] with the cost of each later sample at each candidate.
 
     Return a lower bound of the cost of all samples after the next sample.
     """
@@ -114,11 +116,12 @@ def stress_m(a: np.ndarray, b: np.ndarray, cap: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def best_places(rows: np.ndarray, fields: np.ndarray, cap: float, own: np.ndarray) -> np.ndarray:
-    """Return the place (m,) int32 of least cost for each of m points, given its distances to samples with known places.
+    """Return, for each of m points, the node of the target (m,) int32 with the least cost.
 
     rows (m, k) float32: metres from each point to each sample, on the source. fields (k, n) float32: metres from each
-    sample's place to every node of the target. own (m,) int: the sample that is the point itself, which does not
-    count; -1 = none. The cost is the sum of squared changes, each capped.
+    sample's place to every node of the target. own (m,) int: the sample that is the point itself, which does not count;
+    -1 = none. The cost of a node is the sum, over all samples, of the squared and capped change of the point's distance
+    to the sample.
     """
     places = np.empty(len(rows), np.int32)
     cost, most = np.empty(fields.shape[1], np.float32), np.float32(cap)

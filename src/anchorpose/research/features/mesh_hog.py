@@ -30,14 +30,15 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 class MeshHogConfig:
     """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
 
-    # m; of the radii from 0.1 to 0.3 m, this radius distinguishes most places of a body within 0.1 s per frame
+    # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body, at a computing time of
+    # 0.1 s per frame
     radius_m: Positive = 0.20
     # m; this radius averages out a depth camera's noise, and still resolves a forearm
     curvature_radius_m: Positive = 0.07
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram for the local frame's first axis
-    # number of times that the histogram for the first axis is smoothed with the weights 1 : 2 : 1, since grid
-    # neighbours have only eight directions
+    # number of times that the histogram for the first axis is smoothed with the weights 1 : 2 : 1, since a node's
+    # neighbours on the pixel grid lie in only eight directions
     smoothing: Annotated[int, Field(ge=0)] = 16
     slices: TwoOrMore = 4  # number of sectors of each of the three planes, between which nodes are divided by position
     orientations: TwoOrMore = 8  # number of bins for the direction of the gradient in each of these sectors
@@ -54,13 +55,14 @@ def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarra
 
     A row is NaN if the node has no position or normal, or if the function has no gradient at any node around it.
 
-    The local frame is the normal and the direction in the tangent plane in which gradients are largest. Positions and
-    gradients of the nodes within radius_m along the surface are projected onto the three planes of this frame. In each
-    plane, a node's weight is the projected gradient's length times a Gaussian of the distance. The weight is divided
-    between the slices nearest to the node's position and the orientations nearest to its gradient. Three things differ
-    from the authors' program, so that no result depends on the grid or on where bins begin: the histogram for the first
-    axis is smoothed; its peak is interpolated between bins that are counted from a direction that turns with the body;
-    and a gradient is weighted by the length of its projection, not by its own length. Sources: Zaharescu et al. 2009
+    The local frame consists of the node's normal, the direction in the tangent plane in which the surrounding nodes
+    with the largest gradients lie, and the direction perpendicular to both. Positions and gradients of the nodes within
+    radius_m along the surface are projected onto the three planes of this frame. In each plane, the weight of such a
+    node is the length of its projected gradient times a Gaussian of its distance. The weight is divided between the
+    slices nearest to the node's position and the orientations nearest to its gradient. Three things differ from the
+    authors' program, so that no result depends on the grid or on where bins begin: the histogram for the first axis is
+    smoothed; its peak is interpolated between bins that are counted from a direction that turns with the body; and a
+    gradient is weighted by the length of its projection, not by its own length. Sources: Zaharescu et al. 2009
     (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
@@ -190,7 +192,7 @@ def _turn(local: np.ndarray, count: int, cosine: float, sine: float) -> None:
 
 @njit(cache=True)
 def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None:
-    """Add all neighbours to the bins (slices, orientations) of one plane."""
+    """Add the weights of all neighbours to the bins (slices, orientations) of one plane."""
     first, second, sign = plane
     slices, orientations = bins.shape
     for c in range(count):
@@ -202,7 +204,7 @@ def _fill(local: np.ndarray, count: int, plane: tuple, bins: np.ndarray) -> None
         to = turn_fraction(gx, gy, 0.0) * orientations - 0.5
         s, o = int(np.floor(at)), int(np.floor(to))
         ds, do = at - s, to - o
-        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # wrapped without %, which is slow
+        s, o = s if s >= 0 else slices - 1, o if o >= 0 else orientations - 1  # indices wrap around; % would be slow
         s_after, o_after = s + 1 if s + 1 < slices else 0, o + 1 if o + 1 < orientations else 0
         bins[s, o] += weight * (1.0 - ds) * (1.0 - do)
         bins[s, o_after] += weight * (1.0 - ds) * do

@@ -66,8 +66,8 @@ class _RoughDifferences:
     def apart(self, source: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return rough distances (m, n) float32, and an error bound (m,) for each row.
 
-        The bound holds for the summed errors of two distances of the row: the smallest distance and any other. The
-        error of a sum of d values that are not negative is at most d + 1 roundings of the sum.
+        The bound holds for the sum of the errors of two distances of the row: the smallest distance and any other
+        distance. The error of a sum of d values that are not negative is at most d + 1 roundings of the sum.
         """
         apart = _sum_of_differences(source.astype(np.float32), self._columns)
         return apart, 2.0 * (len(self._columns) + 2) * ULP * apart.min(axis=1)

@@ -1,4 +1,4 @@
-"""Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all others within 0.5 m.
+"""Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all other nodes within 0.5 m.
 
 Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
 The paper orders extrema "based on the corresponding body parts" and gives no rule. In this module, an extremum has the
@@ -18,15 +18,17 @@ from anchorpose.geodesics.extrema import geodesic_extrema, surface_center
 from anchorpose.research.geodesic_solvers import Solver, solve_distance
 from anchorpose.surface.surface import Surface
 
-RADIUS_M: Final = 0.5  # m, the paper's r, which its authors chose "empirically"
+# m, radius around an extremum in which no node is farther from the centre; the paper's r, chosen "empirically"
+RADIUS_M: Final = 0.5
 # Maximum distance in m between an extremum and an anchor at the same end of a limb. It is twice the depth of the
 # surface that counts as the end (the cap, see ``geodesics.extrema``).
 SAME_END_M: Final = 0.12
-by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)  # along edges, as in the paper's reference for extrema
+# distances along the edges, as in the work that the paper cites for extrema
+by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
 
 
 def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
-    """Return the paper's anchors on a surface of which a camera has seen some nodes.
+    """Return the paper's anchors on a surface with at least one node that a camera has seen.
 
     Each extremum has the name of the ``named`` anchor at the same end of a limb; an extremum without such an anchor is
     left out.

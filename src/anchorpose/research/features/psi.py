@@ -2,10 +2,11 @@
 
 Psi is the set of nodes of the other frame whose distances to some anchors are similar to the node's. On a limb, psi is
 a band that ends at the outline, where the sensor stops seeing the skin. The average position of such a clipped band
-lies too far inside, so nodes at the outline would never be matches. The unclipped middle is the place at which psi's
-distances equal those of the node; it is found by a least-squares regression of position on distance over psi. If
-nothing clips psi, this place is the average position. The regression needs three anchors: with only the two feet, the
-distances determine only how far along a leg a node is, and the regression would lead to a place beside the leg.
+lies too far inside, so nodes at the outline would never be chosen as matches. The unclipped middle is the place at
+which psi's distances equal the node's distances; it is found by a least-squares regression of position on distance over
+psi. If nothing clips psi, this place is the average position. The regression needs three anchors: with only the two
+feet, the distances determine only how far along a leg a node is, and the regression would lead to a place beside the
+leg.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Find the neighbourhood of a node on the surface: nodes that edges and links reach within some distance."""
+"""Find the neighbourhood of a node on the surface: nodes that edges and links connect with it within some distance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Rings(NamedTuple):
     """The nodes around each node, one row per node."""
 
     start: np.ndarray  # (n + 1,) int64, index in ``node`` at which each row begins
-    node: np.ndarray  # (m,) int32, each row begins with its own node
+    node: np.ndarray  # (m,) int32, numbers of the nodes; each row begins with the node around which the others lie
     distance_m: np.ndarray  # (m,) float32, distance of these nodes along the edges
     reach_m: np.ndarray  # (n,) float64, distance up to which each row was searched
 

@@ -16,14 +16,15 @@ from anchorpose.research.features.local_frame import principal_axes
 from anchorpose.research.features.neighbours import Neighbours, as_points, find_neighbours
 from anchorpose.settings import Count, Positive, settings
 
-STATISTICS = 5  # numbers per projection: central moments 11, 21, 12 and 22, and the entropy
+STATISTICS = 5  # number of values per projection: the central moments 11, 21, 12 and 22, and the entropy
 
 
 @settings
 class RopsConfig:
     """Settings of RoPS. With three turns about each axis, a descriptor has 135 numbers (``columns``)."""
 
-    radius_m: Positive = 0.20  # m; 15 mean edge lengths (13 mm here), as the authors use
+    # m, radius of the neighbourhood; 15 times the mean length of an edge (13 mm), as in the authors' work
+    radius_m: Positive = 0.20
     turns: Count = 3  # number of turns about each axis, within a right angle; the authors' choice
     bins: Count = 5  # number of bins along each side of a plane; the authors' choice
 
@@ -160,8 +161,8 @@ class Triangles(NamedTuple):
 
 
 def prepare_triangles(points: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return faces (f, 3) int of points (n, 3) as kernels need them, without faces that have a corner of unknown
-    position.
+    """Return the faces (f, 3) int of points (n, 3) in the form that compiled functions take. Faces with a corner of
+    unknown position are left out.
 
     Raises ValueError if a corner is not a node.
     """
@@ -188,8 +189,8 @@ def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neig
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN if it has no triangle.
 
     points_m (n, 3) float32. The axes are principal axes of the surface, from all triangles with a corner within the
-    radius, weighted by their area: x lies along the surface's widest spread and z across it, each towards the side with
-    more surface. Source: Guo et al. 2013, Section 3.
+    radius, with the weights of ``_scatter``: x lies along the surface's widest spread and z across the surface; each
+    points to the side with more surface. Source: Guo et al. 2013, Section 3.
     """
     return _frames(points_m, neighbours, triangles)
 
@@ -225,7 +226,7 @@ def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) ->
 def _list_triangles(
     node: int, c: int, first: np.ndarray, corner_of: np.ndarray, listed: np.ndarray, around: np.ndarray, count: int
 ) -> int:
-    """Add the triangles at a node that are not yet listed for node c; return the new count."""
+    """Add the triangles at a node that are not yet listed for node c; return the new number of listed triangles."""
     for spot in range(first[node], first[node + 1]):
         triangle = corner_of[spot]
         around[count] = triangle
@@ -238,7 +239,9 @@ def _list_triangles(
 def _scatter(
     point: np.ndarray, radius: float, shape: np.ndarray, around: np.ndarray, scatter: np.ndarray, moment: np.ndarray
 ) -> float:
-    """Fill the surface's scatter about a point and its first moment, both up to a factor; return the sum of weights.
+    """Fill the second moments (scatter) and the first moment of the surface about a point, both up to a factor.
+
+    Return the sum of the triangles' weights.
 
     The integral of p p^T over a triangle is, up to a factor, the scatter of its corners plus twelve times p p^T of its
     centroid. A triangle's weight is its area times the squared distance of its centroid to the sphere's surface.

@@ -30,9 +30,11 @@ class ShapeContextConfig:
 
     # Radius of the sphere in m. The sphere contains a limb with its edges; in a smaller sphere, all surfaces look flat.
     radius_m: Positive = 0.20
-    # share of ``radius_m`` from which the shells' radii grow by a constant factor; the first shell still begins at 0
+    # share of ``radius_m`` at which the geometric series of the shells' radii begins; the first shell itself begins at
+    # 0
     innermost: Annotated[float, Field(gt=0, lt=1)] = 0.1
-    density: Positive = 0.2  # share of radius_m within which points are counted for the density around a point
+    # radius, as a share of radius_m, within which points are counted for the density around a point
+    density: Positive = 0.2
     # numbers of azimuths, elevations and shells, all as in PCL and in the authors' experiments
     azimuths: Count = 12
     elevations: Count = 11

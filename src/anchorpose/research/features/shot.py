@@ -1,7 +1,8 @@
 """Compute signatures of histograms of orientations (SHOT): the normals' directions in each of 32 sectors of a sphere.
 
 Source: Tombari, Salti, Di Stefano 2010 (doi:10.1007/978-3-642-15558-1_26), in the version of PCL 1.13, which comes from
-the authors: signatures have unit length, and each of the four interpolations passes votes to one neighbouring bin.
+the authors: signatures have unit length, and each of the four interpolations passes a part of a vote to one
+neighbouring bin.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ def shot(
 
     points_m, normals (n, 3) are in one frame, and normals have unit length; NaN = unknown. A node without position is
     left out, and a node without normal casts no vote. frames (n, 3, 3): the axes x, y, z as rows; None = the result of
-    ``local_frames``. Each sector s has 11 columns: s & 1 is 1 in the upper half, s >> 1 & 1 is 1 in the outer half,
-    and s >> 2 is the eighth of a turn, counted from -x. A row is NaN if the node has no frame, or
-    no node with a normal is within the radius.
+    ``local_frames``. Each sector s has 11 columns: s & 1 is 1 in the upper half, s >> 1 & 1 is 1 in the outer half, and
+    s >> 2 is the eighth of a turn, counted from -x. A row is NaN if the node has no frame, fewer than four other
+    nodes are within the radius, or none of these nodes has a normal.
     """
     config = config or ShotConfig()
     points, unit = as_oriented(points_m, normals)

@@ -1,4 +1,7 @@
-"""Compute the spectrum of a surface's Laplace-Beltrami operator, and the descriptors HKS, SI-HKS and WKS from it."""
+"""Compute the spectrum of a surface's Laplace-Beltrami operator, and three descriptors from the spectrum.
+
+The descriptors are the heat kernel signature (HKS), the scale-invariant HKS and the wave kernel signature (WKS).
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,11 @@ from anchorpose.research.features.laplacian import Laplacian, surface_laplacian
 from anchorpose.settings import Count, Positive, settings
 from anchorpose.surface.surface import Surface
 
-# number of eigenpairs; on the 0.45 m² of a body's seen surface, the shortest wave is 10 cm long; Sun et al. and Aubry
-# et al. used 300 on closed meshes
+# number of eigenpairs; with this number, the shortest wave on the 0.45 m² of a body's seen surface is 10 cm long; Sun
+# et al. and Aubry et al. used 300 on closed meshes
 PAIRS: Final = 150
-LANCZOS_VECTORS: Final = 1.6  # Lanczos vectors per eigenpair; on body meshes of 2,300 nodes, faster than 1.3 or 2.5
+# number of Lanczos vectors per eigenpair; on body meshes of 2,300 nodes, 1.6 is faster than 1.3 or 2.5
+LANCZOS_VECTORS: Final = 1.6
 START: Final = 20110413  # seed of Lanczos's first vector; with ARPACK's own vector, two runs differ in the last digits
 DECAY: Final = 4.0 * np.log(10.0)  # exponent of a decay to 1e-4; sets the first and last time of the HKS (Sun et al.)
 
@@ -143,7 +147,7 @@ def body_sums(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
 
     With the integral over all pieces, small pieces would count as much as the body at low eigenvalues. With the
     integral over each node's own piece, the values on an arm that an object separates from the body would change at
-    high eigenvalues. The result is NaN without triangles.
+    high eigenvalues. The result is NaN for a surface without triangles.
     """
     if spectrum.piece_count == 0:
         return np.full(weights.shape[1], np.nan)
@@ -159,8 +163,9 @@ class HksConfig:
     """Settings of the heat kernel signature."""
 
     times: Count = 100  # number of points in time, as in Sun et al.
-    range_m2: Range | None = None  # first and last time; None = from the spectrum, as in Sun et al.
-    scaled: bool = True  # divide by the heat trace, as in Sun et al.; otherwise short times outweigh all other times
+    range_m2: Range | None = None  # m², first and last time; None = computed from the spectrum, as in Sun et al.
+    # whether values are divided by the heat trace, as in Sun et al.; otherwise short times outweigh all others
+    scaled: bool = True
 
 
 def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
@@ -204,8 +209,9 @@ class SiHksConfig:
 
     # First time, in octaves relative to 1 m². Before this time, no wave has decayed much.
     first_octave: Annotated[float, Field(allow_inf_nan=False)] = -22.0
-    octaves: Positive = 24.0  # as in Bronstein and Kokkinos; at the last time, 4 m², a body's longest wave has decayed
-    steps_per_octave: Count = 16  # as in Bronstein and Kokkinos
+    # number of octaves of time, as in Bronstein and Kokkinos; at the last time, 4 m², a body's longest wave has decayed
+    octaves: Positive = 24.0
+    steps_per_octave: Count = 16  # number of points in time per octave, as in Bronstein and Kokkinos
     frequencies: Count = 6  # number of frequencies from the lowest on, as in Bronstein and Kokkinos
 
     def __post_init__(self) -> None:
@@ -237,8 +243,8 @@ class WksConfig:
     """Settings of the wave kernel signature: energies, and how sharply they are resolved."""
 
     energies: Count = 100  # number of energies, as in Aubry et al.
-    # standard deviation of the Gaussian of an energy's logarithm, in distances between adjacent energies, as in Aubry
-    # et al.
+    # standard deviation of the Gaussian around an energy's logarithm, in units of the logarithmic range of the
+    # eigenvalues divided by ``energies``, as in Aubry et al.
     width_steps: Positive = 7.0
     range_per_m2: Range | None = None  # eigenvalues between which energies lie; None = lowest above 0 to highest
 
@@ -269,7 +275,9 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
 
 
 def _without_wave(spectrum: Spectrum) -> np.ndarray:
-    """Return (n,) bool: nodes on pieces without a wave, such as pieces smaller than the spectrum's shortest wave."""
+    """Return (n,) bool: nodes on pieces without a wave (an eigenfunction with a positive eigenvalue), such as pieces
+    smaller than the shortest wave.
+    """
     at = spectrum.piece >= 0
     inside = spectrum.mass_m2[at] * (spectrum.eigenfunctions[np.ix_(at, spectrum.positive)] ** 2).sum(axis=1)
     waves = np.append(np.bincount(spectrum.piece[at], inside, spectrum.piece_count), 0.0)  # number of waves per piece

@@ -42,7 +42,7 @@ SUBSET: Final = 3  # number of anchors in a subset, N_S in the paper
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextSetting:
-    """The sigmas by which two nodes are compared, and the cost of a match in the track tree."""
+    """The sigmas (standard deviations) in which deviations between two nodes are measured, and the cost of a match."""
 
     anchor_sigma_m: float = 0.04  # m, sigma of the change of a node's distance to an anchor between two frames
     shot_sigma: float = 0.15  # sigma of the distance between a node's signatures (of unit length) in two frames

@@ -24,7 +24,8 @@ INK: Final = "#15191d"
 FAINT: Final = "#8a9299"
 LINE: Final = "#d5dbe0"
 GROUND: Final = "#ffffff"
-ON_DARK: Final = "#fefefe"  # text on dark cells; not GROUND, which the page in dark colours replaces by a dark colour
+# colour of text on dark cells; it is not GROUND, since the page in dark colours replaces GROUND by a dark colour
+ON_DARK: Final = "#fefefe"
 
 LOOK: Final = {
     Family.PROPOSED: (as_hex(Ink.VERMILLION), "solid"),
@@ -38,8 +39,7 @@ LOOK: Final = {
 }
 """Colour, mostly from Okabe and Ito's palette, and line style of each family of methods."""
 
-# Opacity (0 to 1) of confidence intervals, so low that the intervals of 20 methods do not hide the means
-PALE: Final = 0.35
+PALE: Final = 0.35  # opacity (0 to 1) of confidence intervals, so low that the intervals of 20 methods hide no means
 
 MARKS: Final = "osD^vP*X"
 """Matplotlib's markers for the methods of one family, in the order of the methods."""

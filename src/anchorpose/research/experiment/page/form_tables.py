@@ -1,7 +1,8 @@
 """Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare "next
 generation" with the other methods.
 
-Forms differ in whether body parts are also registered to the surface, and in whether bad matches are rejected.
+Forms of the framework differ in whether body parts are also registered to the surface, and in whether bad matches are
+rejected. Tables of "next generation" compare this method with every other method.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ FORM_NAMES = {
     Form.MATCHES: "matches alone",
     Form.MATCHES_ALL: "matches alone, nothing rejected",
 }
-WITHIN_MM = 50.0  # mm, error below which a match counts as good: the paper's bound on the error of an anchor
+WITHIN_MM = 50.0  # mm, a match with a smaller error counts as good; this is the paper's bound on an anchor's error
 
 Take = Callable[[Matched], np.ndarray]
 
@@ -127,7 +128,7 @@ def _by_gap(results: ExperimentResults, key: str, title: str, unit: Unit, summar
 
 
 def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable[[np.ndarray], np.ndarray]) -> Table:
-    """Return a table: joint error of "next generation" minus each other method's joint error, in the same frames."""
+    """Return a table of the joint error of "next generation" minus each other method's error, in the same frames."""
     rows = dict[str, list[Row]]()
     for form, hole, column in [*_columns(results), *_all_sizes(results)]:
         tracking = Tracking(results, form)

@@ -25,13 +25,14 @@ from anchorpose.research.experiment.page.tracking_claims import CONSTANT
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_least, at_most, measured
 from anchorpose.research.experiment.results import MISSED_MM, ExperimentResults
 
-# Minimum number of nodes of a timed mesh, as a share of the number in the paper's mesh; times of a smaller mesh prove
-# nothing
+# Minimum number of nodes of the timed mesh, as a share of the number of nodes of the paper's mesh. With a smaller mesh,
+# the claim about times stays undecided.
 COMPARABLE: Final = 0.8
-# Maximum ratio of the error at head and neck to the error elsewhere, at which the error counts as "clearly less"
+# Maximum ratio of the error at head and neck to the error elsewhere. Up to this ratio, the error at head and neck is
+# clearly less, as the claim requires.
 CLEARLY_LESS: Final = 0.8
-# Minimum share, for "often", of the matches of hands or feet that lie on the opposite hand or foot. By chance, this
-# share is 1 in 40.
+# Minimum share of the matches of hands (or feet) that lie on the opposite hand (or foot), for the word "often" in the
+# claim. By chance, this share is 1 in 40.
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -62,8 +63,8 @@ class MatchingClaims:
     def local_distinctive(self) -> Claim:
         """Judge the claim of Fig. result2 that local features are accurate only at distinctive places.
 
-        The claim is judged by errors of matches and not by errors of joints, which depend less on the feature, since
-        the fit to the surface corrects joints.
+        The claim is judged by errors of matches, since errors of joints depend less on the feature: the fit of body
+        parts to the surface corrects joints even if matches are wrong.
         """
         inside = [NAMES.index("head")]
         outside = [index for index in range(len(NAMES)) if index not in inside]
@@ -162,7 +163,9 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS."""
+        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS (matching by all
+        distances).
+        """
         return Claim(
             "like-gmds",
             "Section III-A",
@@ -200,7 +203,7 @@ class MatchingClaims:
 
     def _matched_shares(self, keys: Sequence[str]) -> tuple[str, ...]:
         """Return texts with each method's share of matched nodes. The reader needs this share to judge the errors,
-        since a method that matches only easy nodes has a lower error.
+        since a method that matches only easy nodes may have a lower error.
         """
         lines = []
         for key in keys:
@@ -228,7 +231,7 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families that use no filter; methods with a filter only show its effect."""
+        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

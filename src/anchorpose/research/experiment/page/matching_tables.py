@@ -1,4 +1,4 @@
-"""Make tables of errors of matches (overall, by body region, by size of hole, as a curve), and tables of times."""
+"""Make tables of errors of matches (overall, by body region, by size of hole, by limit of the error), and of times."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _by_region(
     take: Take | None,
 ) -> Table:
     """Return a table by region of the body. take: function that returns a quantity of each node; None = the error of
-    its match.
+    the node's match.
     """
     rows = []
     for method in matching.methods:

@@ -53,7 +53,7 @@ UNFOLDED = (
     "scenes",
     "ablation",
 )
-"""Keys of the tables that are unfolded when the page is opened."""
+"""Keys of the tables whose rows are visible when the page is opened; all other tables are folded."""
 
 MORE = tuple(f"{scene}_by_size" for scene in OTHER_HOLES)
 

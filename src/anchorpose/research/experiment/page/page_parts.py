@@ -53,8 +53,8 @@ class PagePicture:
 def read_pictures(folder: Path) -> list[PagePicture]:
     """Return the PNG files of ``folder / pictures`` in the order of their captions.
 
-    Files without a caption follow in the order of their names. Raises InputError if the captions cannot be read, or
-    name a missing file or section.
+    Files without a caption follow in the order of their names. Pictures of the section ``FILES_ONLY`` are left out.
+    Raises InputError if the captions cannot be read, or name a missing file or section.
     """
     place = folder / PICTURES_FOLDER
     captions = _captions(place / CAPTIONS_FILE)
@@ -93,11 +93,15 @@ SIGNS: Final = {
 
 
 MOST_NAMED: Final = 3
-"""Maximum number of comparisons with the answer no that are listed in a claim's short text; more are not listed."""
+"""Maximum number of comparisons with the answer no that a claim's short text lists. If more comparisons have this
+answer, the text lists none of them.
+"""
 
 
 def table_html(table: Table, unfolded: bool = False) -> str:
-    """Return a table as HTML, a row per method, intervals in brackets. unfolded: whether rows are shown at first."""
+    """Return a table as HTML, a row per method, intervals in brackets. unfolded: whether the rows are visible when the
+    page is opened.
+    """
     head = "".join(f"<th scope='col'>{escape(column.label)}</th>" for column in table.columns)
     values = {(row.method.key, row.column): row.value for row in table.rows}
     rows = []

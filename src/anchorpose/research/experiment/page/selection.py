@@ -49,8 +49,8 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 class Tracking:
     """The results of tracking in one form of the framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker runs outside the framework, so its frames are included in
-    every form.
+    Recordings are sorted by name. This project's tracker runs outside the framework, so its results are included
+    whatever the form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -207,7 +207,10 @@ def every_mm(match: Matched) -> np.ndarray:
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``, since most nodes hardly move."""
+    """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``.
+
+    Between neighbouring frames, most nodes hardly move, so a result over all nodes says little about moved nodes.
+    """
     return lambda match: take(match)[match.moved_mm > MOVED_MM]
 
 

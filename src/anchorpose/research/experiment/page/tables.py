@@ -234,7 +234,7 @@ def format_estimate(value: Estimate, unit: Unit) -> str:
 
 
 def format_number(number: float, unit: Unit) -> str:
-    """Format a number with the digits that matter in its unit; the unit is not written, except for per cent."""
+    """Format a number with as many decimals as suit its unit; the unit is not written, except for per cent."""
     match unit:
         case Unit.MM:
             return f"{number:.1f}".replace("-", "−")

@@ -18,9 +18,11 @@ from anchorpose.research.experiment.page.tracking_tables import errors_of_all_si
 from anchorpose.research.experiment.page.verdict import Answer, Check, Claim, at_most, between
 from anchorpose.research.experiment.results import ExperimentResults
 
-CONSTANT: Final = 1.1  # largest ratio of the errors with and without a hole that counts as "almost constant"
+# largest ratio of the error with a hole to the error without a hole for an error that counts as "almost constant"
+CONSTANT: Final = 1.1
 SIMILAR: Final = 2.0  # largest ratio of the worst joint's error to the best joint's error that counts as "similar"
-ADEQUATE_MM: Final = 100.0  # mm, largest "adequate" joint error: a forearm's width, so the joint is on the correct limb
+# mm, largest mean joint error that counts as "adequate": a forearm's width, so that the joint is on the correct limb
+ADEQUATE_MM: Final = 100.0
 
 
 FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "paper-particles")}
@@ -28,7 +30,8 @@ FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "pape
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """Return the paper's claims about its feature, judged by the method ``LITERAL`` and the form that rejects nothing.
+    """Return the paper's claims about its feature, judged by the results of the method ``LITERAL`` in the form of the
+    framework that rejects no matches.
 
     The list is empty if this method did not run.
     """
@@ -42,7 +45,7 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 
 
 class TrackingClaims:
-    """The claims about joints, each judged by the results.
+    """The claims about the errors of tracked joints, each judged by the results of the experiment.
 
     proposed: key of the method that stands for the paper's method. form: form of the framework whose results are used.
     """
@@ -266,7 +269,7 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families that use no filter; methods with a filter only show its effect."""
+        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 
@@ -276,7 +279,7 @@ def difference(
 ) -> Estimate:
     """Return the mean joint error of the method ``one`` minus that of the method ``other``, in mm.
 
-    A joint in a frame counts only if both methods have it.
+    A joint in a frame counts only if its error is known for both methods.
     """
     pairs = tracking.pairs(Scene.PAPER, (one, hole_m), (other, hole_m), occluded).values()
     return mean_over([frame_means(first - second) for first, second in pairs], resamples)

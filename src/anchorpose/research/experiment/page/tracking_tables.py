@@ -178,7 +178,9 @@ def _by_joint(tracking: Tracking, methods: Sequence[Method], kept: Kept, summari
 
 
 def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = None) -> dict[str, np.ndarray]:
-    """Return the errors (f, 21) in millimetres by recording of the paper's scene, one size of hole after the other.
+    """Return a method's joint errors (f, 21) in millimetres, by recording of the paper's scene.
+
+    The frames of one size of hole follow the frames of the next smaller size.
 
     Every size has the same number of frames.
     """
@@ -235,7 +237,7 @@ def _in_scene(tracking: Tracking, scene: Scene, method: Method, kept: Kept, resa
 
 
 def _end_holes(tracking: Tracking, scene: Scene) -> list[float]:
-    """Return the smallest and the largest size of hole of a scene, in metres; one size if all holes are equal."""
+    """Return the smallest and the largest size of hole of a scene, in metres, or the only size."""
     holes = tracking.holes(scene)
     return list(dict.fromkeys((holes[0], holes[-1])))
 

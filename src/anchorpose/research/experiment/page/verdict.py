@@ -66,9 +66,9 @@ class Claim:
 def judge(answers: Sequence[Answer]) -> Verdict:
     """Judge a claim: it holds if all comparisons answer yes.
 
-    The claim holds in part if at least half of the comparisons answer yes, or if more answer yes than no and at least
-    one answers no. Otherwise the claim does not hold if any comparison answers no. If no comparison answers no, the
-    claim is undecided.
+    The claim holds in part if at least half of the comparisons answer yes, or if more comparisons answer yes than no
+    and at least one comparison answers no. Otherwise, the claim does not hold if any comparison answers no, and it is
+    undecided if no comparison answers no.
     """
     yes, no = answers.count(Answer.YES), answers.count(Answer.NO)
     if not yes + no:

@@ -58,7 +58,9 @@ class Pairs:
 
 
 def pairs_of(method: Method, setting: object, moment: Moment) -> Pairs | None:
-    """Return a method's matches; None for a method that matches no nodes by design, such as "no association"."""
+    """Return a method's matches; None for a complete tracker, and for a method without matches, such as "no
+    association".
+    """
     if method.associate is None:
         return None
     found = match_window(method, setting, moment.window)

@@ -1,7 +1,8 @@
 """Draw how a hole in a frame's mesh distorts geodesic distances from an anchor (paper, Definitions 4 and 5).
 
-Colour shows the distortion: by how much a distance is longer with the hole. Lines show where distances to the hole's
-border are undistorted (the bright region) and where they are distorted (the shadowed boundary).
+Colour shows the distortion: by how much a distance is longer with the hole. Lines along the hole's border show where
+the anchor's distances to the border are undistorted (the bright region) and where they are distorted (the shadowed
+boundary).
 """
 
 from __future__ import annotations
@@ -163,7 +164,10 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Return three pictures of distorted distances: from the most affected anchor, from all anchors, by hole size."""
+    """Return three pictures of distorted distances: from the most affected anchor, from all anchors, by hole size.
+
+    The list is empty if the hole hides no node or every node, or if every anchor is missed or hidden.
+    """
     lights = lights_of(holed, holed.hidden)
     if not lights:
         return []
