@@ -1,8 +1,8 @@
-"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Section IV,
-track tree construction).
+"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Track Tree
+Construction).
 
-The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
-V). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
+The gate limits the difference between the descriptors of one skin point in two frames (paper, Error Analysis). The
+descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class HypothesisConfig:
     # whether matches of nodes between frames constrain the registration of the whole body in every frame; False = they
     # are not used for it. The paper's method (``Method.PARTS``) uses matches in any case
     always: bool = False
-    # whether distances that are lengthened by a hole in the surface are left out; False = they are kept, as in the
-    # paper, which relies on the subsets of anchors whose distances are not lengthened
+    # whether a node's distances to anchors are left out if a hole in the surface lengthens them; False = they are kept,
+    # as in the paper, where the track tree has to choose subsets of anchors with correct distances
     trusted_only: bool = True
 
 
@@ -62,7 +62,9 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of the anchors. A missed match is a value, not an error."""
+    """For each source node, one possible match per subset of the anchors. A node without a match has the value -1,
+    which is not an error.
+    """
 
     match: np.ndarray  # (m, s) int32, node of the next surface, -1 = no node within the gate
     subsets: np.ndarray  # (s, n_s) int, indices of the anchors in each subset
@@ -83,11 +85,11 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 
 
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
-    """Return e_max (m, s) float32 in metres for every node and subset of anchors (paper, Section V).
+    """Return the gate e_max (m, s) float32 in metres for every node and subset of anchors (paper, Error Analysis).
 
     descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
-    anchors. The bound is NaN if a distance is missing, and inf if an anchor is unreachable: an unknown distance has no
-    bound.
+    anchors. The bound is NaN if a distance is missing, and inf if no path on the surface leads to an anchor; the node
+    then has no match under this subset.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance
@@ -109,8 +111,8 @@ def match_hypotheses(
     (missed anchor) and inf (unreachable) are never within the gate. subsets (s, n_s): from ``anchor_subsets``.
     predicted_m (m, 3) world: the expected place of each source node in the target frame; psi is then searched within
     ``search_radius_m`` of it, and a node whose prediction is NaN has no match. Without predictions psi is searched on
-    the whole surface, as in the paper, which is about four times slower. Source: the paper, Section IV (error analysis)
-    and Section V (track tree construction).
+    the whole surface, as in the paper, which is about four times slower. Source: the paper, Error Analysis and Track
+    Tree Construction.
     """
     config = config or GateConfig()
     _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
@@ -134,7 +136,7 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
     """Match each source node with the nearest target node within ``search_radius_m``; without such a node, the match is
     missed.
 
-    No anchors are used, so the only subset is empty.
+    Anchors are not used, so the result has a single column, for an empty subset of anchors.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):

@@ -24,14 +24,14 @@ from anchorpose.surface.surface import Nodes
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
-# m, minimum of the residual (distance between a pair's two places after the part's motion) at which a pair's weight is
-# halved. This residual is the median over the part's pairs, unless the median is smaller than the minimum. The value is
-# the spacing of nodes, since pairs with smaller residuals fit equally well
+# m; a pair's weight is halved at the median residual of the part's pairs (residual: distance between a pair's two
+# places after the part's motion), or at this residual if the median is smaller. The value is the spacing of nodes,
+# since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
-# rad and m, sigma of a part's rotation and shift in one ICP step, so that a part does not slide where no node
-# constrains it
+# rad and m, standard deviations that are assumed for a part's rotation and shift in one ICP step; they keep the part
+# from sliding where no node constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
 # minimum cosine (60 degrees) between the normals of skin point and node; it excludes the far side of a limb
@@ -162,7 +162,9 @@ def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndar
 
 @njit(cache=True)
 def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.ndarray, step: np.ndarray) -> None:
-    """Fill the centre (3,) of the skin points in ``rows``, and the step (6,) of the part by weighted least squares."""
+    """Fill ``centre`` (3,) with the mean of the skin points in ``rows``, and ``step`` (6,) with the rotation and
+    translation of the part that bring these points closer to their planes, by weighted least squares.
+    """
     for row in rows:
         for axis in range(3):
             centre[axis] += places[row, axis] / len(rows)
@@ -197,9 +199,9 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. The paper's
-    equation for a part's motion is tau-hat = ICP(tau, phi). Return T_next_now (b, 4, 4): the motion of each bone's
-    part.
+    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. In the
+    paper's equation tau-hat = ICP(tau, phi), tau is the predicted motion of a part, phi are the matches, and tau-hat is
+    the registered motion. Return T_next_now (b, 4, 4): the motion of each bone's part.
 
     skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
     place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):
