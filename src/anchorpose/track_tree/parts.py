@@ -25,8 +25,8 @@ from anchorpose.surface.surface import Nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
 # m; a pair's weight is halved at the median residual of the part's pairs (residual: distance between a pair's two
-# places after the part's motion), or at this residual if the median is smaller. The value is the spacing of nodes,
-# since pairs with smaller residuals fit equally well
+# places after the part's motion), but never at a residual smaller than this constant. Its value is the spacing of
+# nodes, since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02

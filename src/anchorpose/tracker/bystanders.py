@@ -73,7 +73,8 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
 TALLEST_CHILD_M: Final = 1.5  # m; a person who appears taller gets an adult's proportions, else a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-# m, assumed error of a child's height; small, so that the child's body gets almost exactly the requested height
+# m, assumed error of a child's height; small, so that ``ordinary_body`` builds a child's body of almost exactly the
+# given height
 HEIGHT_SIGMA_M: Final = 0.01
 # a fitted body is used only if at least this share of the person's surface nodes lies near the body
 LEAST_EXPLAINED: Final = 0.75
@@ -312,8 +313,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search is not
-    # shortened: after a single round, a person who crouches would be taken for a person who faces the other way
+    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search may
+    # take all its rounds: after the first round alone, a person who crouches would be taken for a person who faces the
+    # other way
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)

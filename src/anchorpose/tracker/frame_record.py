@@ -86,8 +86,8 @@ def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
     """Return ``record`` with the joints and the pose of ``answer``, the combined result of both passes. record: the
-    frame's record from the pass (forward or backward) whose trunk is reported; explanation: how well the smoothed pose
-    fits the frame.
+    frame's record from the pass (forward or backward) with more weight for the trunk (``trunk_of_back``); explanation:
+    how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

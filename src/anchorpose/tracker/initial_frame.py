@@ -111,8 +111,9 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. If every initial frame shows the patient alone, no person can
-    be confused with the patient. So the order stays the same, and no body is fitted.
+    """Return the room with its possible initial frames reordered, so that the best frame comes first. If every initial
+    frame shows the patient alone, no person can be confused with the patient. So the order of the initial frames stays
+    the same, and no body is fitted to compare them.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):

@@ -15,8 +15,8 @@ An object or array that occurs twice in a value is also a single object or array
 twice becomes two containers.
 
 Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
-frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run continues with
-values that were stored and then read, so that a resumed run has exactly the same results.
+frames in blocks and, with each block, the state that the next frame needs. Even in an uninterrupted run, each block of
+frames continues from the stored state, read back from its file, so that a resumed run has exactly the same results.
 """
 
 from __future__ import annotations

@@ -94,8 +94,8 @@ class LearntPatient:
         return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
 
     def where_found(self, room: Room) -> Room:
-        """Return the room with the first frame that learning used as the initial frame. This frame differs from the
-        room's initial frame if the patient could not be found in the latter.
+        """Return the room after making the first frame that learning used its initial frame. This frame differs from
+        the room's initial frame if the patient could not be found in the latter.
         """
         initial, number = room.initial_frame, room.recording.streams[0].frame
         if initial is None or number[initial.frame] == self.frame:
@@ -340,7 +340,9 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the patient with the body of the first pose, unchanged, for settings that leave learning out."""
+    """Return the patient with the body that was fitted in the first frame, unchanged; it is used if the settings switch
+    off learning (``learning.own_shape``).
+    """
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
@@ -378,8 +380,8 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
-        # perhaps only the learnt height contradicts the statements; images show a height poorly, so the contradiction
-        # counts only if it remains after other statures were included
+        # the contradiction may concern only the learnt height, which images show poorly, so it counts only if it
+        # remains after bodies of other statures were included in the belief
         if why:
             why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief

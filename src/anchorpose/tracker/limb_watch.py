@@ -96,8 +96,8 @@ class LimbWatch:
 
 
 def _misnamed(body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-    """Return whether the descriptor assigns a limb's skin to another limb than the pose does; False in frames that the
-    descriptor does not check (``is_described``).
+    """Return whether the learnt descriptor, which estimates the place on the skin that a pixel shows, assigns a limb's
+    skin to another limb than the pose does; False in frames that the descriptor does not check (``is_described``).
     """
     if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set):
         return False

@@ -65,7 +65,9 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Isolated:
-    """The people of one frame."""
+    """The people of one frame: the label of each pixel, the skin of each person as last seen, and the bystanders'
+    bodies.
+    """
 
     pieces: tuple[Pieces | None, ...]  # the pixels of all people, per camera; None without a depth image
     views: tuple[View | None, ...]  # depth frame with the label of each pixel, per camera; None without a depth image

@@ -140,9 +140,9 @@ def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[Ownersh
     """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
     predicted skin of limbs that have been hidden for long. elapsed_s: time since the last frame.
 
-    The patient's skin is as uncertain as a bystander's: where both are expected, the nearer skin decides, or the
-    surface to which a pixel is connected. A more certain skin would take pixels from other people, and these pixels
-    would then confirm a wrong pose.
+    The patient's predicted skin is assumed to be as uncertain as a bystander's. Where both are expected, a pixel gets
+    the label of the person whose predicted skin is nearer, or to whose surface the pixel is connected. A more certain
+    skin would take pixels from other people, and these pixels would then confirm a wrong pose.
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
@@ -299,8 +299,8 @@ class Window:
             self._matchers[number] = None
 
     def restart(self, seen: Observation) -> None:
-        """Replace the observation of the frame after the last registered frame by one with other labels, and forget the
-        later observations, whose labels follow from the replaced labels.
+        """Replace the observation of the frame after the last registered frame by an observation with other person
+        labels, and forget the later observations, whose labels follow from the replaced labels.
         """
         while len(self.seen) > 2:
             self.seen.pop()

@@ -231,7 +231,7 @@ class _Passes:
         smoothing: Smoothing,
     ) -> TrackedFrame:
         """Return a frame with the combined result of both passes. Labels, contacts and anchors depend on the place of
-        the body, so they are taken from the pass whose trunk is reported.
+        the body, so they are taken from the pass with more weight for the trunk (``trunk_of_back``).
         """
         if self.body is None:
             raise ValueError("passes can only be combined if a body was learnt")
@@ -249,8 +249,8 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | Search | None:
-        """Run one pass to its end, after the frames that the journal has already; return how a pass back begins
-        (``_PassState.turned``).
+        """Run one pass to its end, after the frames that the journal has already; return the start of a pass back
+        through the same frames (``_PassState.turned``).
 
         begin: function that makes this pass's follower; keep: function that returns the values to store for an
         estimate; wait: number of latest frames that are not stored yet, since they may be replaced if a lost limb is

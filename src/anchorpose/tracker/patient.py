@@ -301,9 +301,9 @@ class PatientTracker:
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
 
-        If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
-        corrections then get more weight, and of the poses before this frame only the path is continued.
-        Corrections that the body cannot reach are ignored.
+        If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The limbs are
+        then made more uncertain, so that the corrections get more weight, and the past poses are replaced
+        (``_keep_path``). Corrections that the body cannot reach are ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -353,7 +353,9 @@ class PatientTracker:
         return best, hypothesis
 
     def _with_limbs_found(self, found: Registration, predicted: PoseBelief, elapsed_s: float) -> Registration:
-        """Return the registration after comparing it with its rivals, and after a search for misplaced limbs."""
+        """Return the registration after comparing it with its rivals (other poses that fit the images almost as well),
+        and after a search for misplaced limbs.
+        """
         best, seen = found, self.window[1]
         if found.found:
             best, self.rivals = follow_rivals(
@@ -374,7 +376,8 @@ class PatientTracker:
 
     def _is_doubtful(self, found: Registration) -> bool:
         """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and either a
-        person is found or the descriptor checks the frame. A reviewer's corrections leave no doubt.
+        person is found or the learnt descriptor checks the frame (``is_described``). A reviewer's corrections leave no
+        doubt.
         """
         return (
             self.last.gone_s > 0.0
@@ -383,7 +386,9 @@ class PatientTracker:
         )
 
     def _likeliest_scene(self, found: Registration, predicted: PoseBelief) -> Registration:
-        """Return the patient's registration in the likeliest scene hypothesis, and continue with its labels."""
+        """Return the patient's registration in the likeliest scene hypothesis (assumption about which person is the
+        patient), and continue with the person labels of this hypothesis.
+        """
         now, before = self.window[1], self.window[0]
         signed_s = now.frame_set.time_s - before.frame_set.time_s
         known = KnownPeople(self.body, self.last, predicted, before, signed_s, self.height_m, self.run)
@@ -395,7 +400,9 @@ class PatientTracker:
         return best.registration
 
     def _keep_path(self, pose: Pose, wrong: Pose) -> None:
-        """Replace the past poses, if ``pose`` corrects ``wrong``: only the path of the trunk is continued."""
+        """Replace the joints of the past frames, after ``pose`` corrected the pose ``wrong``. Of the past movement,
+        only the path of the trunk is kept (``corrected_past``).
+        """
         past_m = corrected_past(np.array(self.history), self.body.joints(pose), self.body.joints(wrong))
         self.history.clear()
         self.history.extend(past_m)
@@ -417,12 +424,13 @@ class PatientTracker:
 
 
 def corrected_past(past_m: np.ndarray, posture_m: np.ndarray, wrong_m: np.ndarray) -> np.ndarray:
-    """Return joints (k, 21, 3) for the past frames, whose limbs were in wrong places: the correct posture (21, 3) moved
-    along the past path of the trunk, whose last step also leads to ``posture_m``. Without them, a patient who walks on
-    behind another person would be expected to stand still. Metres, world.
+    """Return joints (k, 21, 3) for the last k frames, in which limbs were found to be in wrong places. All frames get
+    the correct posture ``posture_m`` (21, 3). The trunk moves along its past path, shifted so that repeating the path's
+    last step leads to ``posture_m``. Without these past frames, a patient who walks on behind another person would be
+    expected to stand still. Metres, world.
 
     past_m (k, 21, 3): the past joints; wrong_m (21, 3): the joints that ``posture_m`` corrects. The result is empty if
-    the trunk was in a wrong place, too, or if the past has no step.
+    the trunk was in a wrong place, too, or if fewer than two past frames are known.
     """
     path_m = past_m[:, JOINT_INDEX["SpineBase"]]
     trunk_m = np.linalg.norm((posture_m - wrong_m)[JOINT_INDEX["SpineBase"]])

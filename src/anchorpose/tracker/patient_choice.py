@@ -132,8 +132,8 @@ def find_candidates(
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return, for each person, how every sighting shows this person (None: not seen). People with the same usual place
-    count as one person.
+    """Return, for each person, the person as seen in each sighting (None: not seen); a sighting has all people seen in
+    one frame. People with the same usual place count as one person.
     """
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):

@@ -1,4 +1,4 @@
-"""Find clocks, calibration and room from frames spread over the recording.
+"""Find the clocks and poses of the cameras, the empty room and the patient, from frames spread over the recording.
 
 If the equipment looks the same from two sides, the side that the patient faces is its front.
 """
@@ -294,10 +294,10 @@ def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
     """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None if
-    the examined frames disagree.
+    the examined frames disagree, or if no frame shows the facing.
 
-    room: ``InitialFrame.frame`` of its initial frames is an index into ``samples``. Several frames are used, because in
-    a single frame another person may be mistaken for a part of the patient.
+    room: its initial frames are numbered by their index in ``samples``, not by their position in the recording. Several
+    frames are used, because in a single frame another person may be mistaken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]

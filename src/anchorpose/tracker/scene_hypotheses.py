@@ -3,9 +3,10 @@
 A scene hypothesis is a pose of the patient and of every other person in view, with the label of each pixel. While the
 patient is hidden, prediction and labels may be wrong: a helper who comes into view where the patient was expected gets
 the patient's label, and the patient's own pixels may get the label of a person who touches them. Labels alone cannot
-show this. So all people of the frame are found again without labels, each of them is tried as the patient, and so is
-the hypothesis that the patient is still hidden. The bodies of all people together decide: how much of what the cameras
-read they explain, and how far each person has moved since this person was last seen.
+show this. So all people of the frame are found again, without the labels. Each of them in turn is assumed to be the
+patient; a further hypothesis is that the patient is still hidden. The hypotheses are compared by the bodies of all
+people: how much of the depth readings these bodies explain, and how far each person has moved since this person was
+last seen.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
 # nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. It also
-# limits the cost of a bystander's movement; twice this cost limits that of a patient who is hidden
+# limits the cost of a bystander's movement; the cost of the assumption that the patient is hidden is limited to twice
+# this value
 STRANGE: Final = 6.0
 # (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
 # are often misplaced
@@ -76,8 +78,9 @@ class SceneHypothesis:
         return self.registration.found and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
 
     def ahead_of(self, other: SceneHypothesis) -> float:
-        """Return by how many nats this hypothesis is likelier than another. The difference of the readings is reduced,
-        since errors of body shape and clothes can cause it. All parts of two bodies differ if two people are exchanged.
+        """Return by how many nats this hypothesis is likelier than another. The difference of their ``readings`` is
+        reduced (``believed``), since errors of body shape and clothes can cause it. Such errors are assumed in all
+        parts of two bodies, since two people may be exchanged.
         """
         return believed(self.readings - other.readings, 2 * PARTS) + self.movement - other.movement
 
@@ -98,7 +101,7 @@ class ExpectedJoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPeople:
-    """What is known of all people before a frame."""
+    """The data of all people from earlier frames, by which the hypotheses of a frame are compared."""
 
     body: Body
     last: LastSeen
@@ -114,8 +117,8 @@ class KnownPeople:
         return ExpectedJoints(expected, _sigma_m(self.elapsed_s, self.last.gone_s)).cost(joints_m, EVERY)
 
     def hiding(self, views: Sequence[View | None]) -> float:
-        """Return the cost, in nats, of the assumption that the patient is hidden: cameras may see past the predicted
-        pose. The patient may also be hidden elsewhere, so the cost is limited.
+        """Return the cost, in nats, of the assumption that the patient is hidden. It is high if cameras see past the
+        predicted pose (read something farther away). The patient may also be hidden elsewhere, so the cost is limited.
         """
         nobody = person_evidence(views, self.run.room.cameras, PixelLabel.PATIENT)
         past = likelihood(self.body, self.predicted.pose, nobody).total
@@ -143,13 +146,16 @@ class KnownPeople:
         """
         expected, shown = self.bystanders, self.seen.memory.seen_last.keys()
         came = {label: _came(expected.get(label), at) for label, at in joints_m.items()}
-        # a bystander who was in view without a body may be anywhere
+        # a bystander who was in view before, but without a fitted body, may be anywhere, so the movement costs nothing
         new = sum(cost for label, cost in came.items() if label in expected or label not in shown)
         return new + STRANGE * len(self.in_view - joints_m.keys())
 
 
 def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
-    """Return the standard deviation of a person's joints from their expected places, metres: that of predicted skin."""
+    """Return the standard deviation, in metres, of a person's joints around their expected places; the patient's
+    predicted skin has the same uncertainty (``patient_likelihood``). elapsed_s: time since the last frame; hidden_s:
+    time for which the person has been hidden.
+    """
     return SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * hidden_s
 
 
@@ -161,8 +167,8 @@ def _came(expected: ExpectedJoints | None, joints_m: np.ndarray | None) -> float
 
 
 def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
-    """Return the likeliest scene hypothesis of a frame. ``now`` and ``found`` are what tracking suggests; another
-    hypothesis replaces them only if it is clearly likelier.
+    """Return the likeliest scene hypothesis of a frame. now, found: the observation and the registration that tracking
+    suggests; another hypothesis replaces them only if it is clearly likelier.
     """
     suggested = _scored(now, found, known)
     others = list(_exchanged(now, known))
@@ -179,13 +185,17 @@ def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -
 
 
 def _best(hypotheses: Sequence[SceneHypothesis]) -> SceneHypothesis:
-    """Return the hypothesis whose smallest lead over the others is largest."""
+    """Return the best hypothesis. Each hypothesis has a lead over every other hypothesis (``ahead_of``); the hypothesis
+    whose smallest lead is largest is the best.
+    """
     leads = [min((one.ahead_of(other) for other in hypotheses if other is not one), default=0.0) for one in hypotheses]
     return hypotheses[int(np.argmax(leads))]
 
 
 def _scored(seen: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
-    """Return a hypothesis with the log probabilities of its readings and of its movements."""
+    """Return the hypothesis with this observation and this registration of the patient, with the log probabilities of
+    its depth readings and of all people's movements.
+    """
     views, cameras = seen.evidence.views, known.run.room.cameras
     readings, movement = 0.0, -known.hiding(views)
     if found.found:
@@ -206,7 +216,7 @@ def _scored(seen: Observation, found: Registration, known: KnownPeople) -> Scene
 
 def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
     """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. Both
-    hypotheses have the same ``readings``, since the same body explains this person's pixels.
+    hypotheses have the same value ``readings``, since the same body explains this person's pixels.
     """
     at = known.body.joints(of.registration.belief.pose)
     away = {label: one for label, one in known.bystanders.items() if label not in of.joints_m}

@@ -75,7 +75,9 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's pose in a frame. A longer stretch of the recording has decided which way the patient faces."""
+    """The patient's pose in a frame. Not this frame alone, but a longer stretch of the recording has decided which way
+    the patient faces in this pose.
+    """
 
     pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
@@ -200,8 +202,8 @@ def _turned_round(before: PoseBelief, now: Pose) -> bool:
 
 
 def _turned(first: FirstPose) -> Rival:
-    """Return the rival with the opposite facing. It has the body of the first pose or a body that was fitted for the
-    opposite facing, whichever is likelier.
+    """Return the rival of a first pose: a pose with the opposite facing. It has the body of the first pose or a body
+    that was fitted for the opposite facing, whichever is likelier.
     """
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)

@@ -32,7 +32,8 @@ STAYED: Final = 0.6  # minimum share of a person's points found without a step, 
 PLACED: Final = 0.4
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
-# reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
+# reduction of the worth of a step (``_worth``), per metre of its length, so that the shorter of two good steps is
+# preferred
 FAR_COST: Final = 0.2
 # maximum number of walking people whose steps are compared jointly; an image has no room for more people
 MOST_WALKERS: Final = 5
