@@ -2,11 +2,11 @@
 writes, and from the skeletons of other trackers.
 
 A pose vector theta does not depend on where the patient stands or which way the patient faces. The vector has 21 x 3
-joint positions relative to SpineBase in the trunk's heading frame (X in the direction in which the trunk faces, Y up, Z
-to the trunk's right), then 4 numbers for the path. The first three numbers are the distances that SpineBase has
-travelled along X, Y and Z of the heading frame, summed over all frames so far; each step is measured in the heading
-frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences of these 4 numbers between
-frames have a meaning.
+joint positions relative to SpineBase (the joint at the pelvis) in the trunk's heading frame (X in the direction in
+which the trunk faces, Y up, Z to the trunk's right), then 4 numbers for the path. The first three numbers are the
+distances that SpineBase has travelled along X, Y and Z of the heading frame, summed over all frames so far; each step
+is measured in the heading frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences
+of these 4 numbers between frames have a meaning.
 
 A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section IV) has the sub-lists
 of all movements at several speeds. The poses of D_s are not stored: two numbers describe a sub-list, the place of its
@@ -31,9 +31,9 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of successive sub-lists (short series of poses) in a segment. The search computes one lower bound for the costs
-# (differences from the patient's last poses) of all sub-lists in a segment. The larger the segments, the looser the
-# bounds, and the more sub-lists must be tested
+# number of successive sub-lists (short series of poses) in a segment. The search for similar sub-lists skips a segment
+# if a lower bound for the costs (differences from the patient's last poses) of all its sub-lists is too high. The
+# larger the segments, the looser the bounds, and the more sub-lists must be tested
 SEGMENT: Final = 4
 # number of principal components of the poses from which the lower bounds of the costs are computed; with this number,
 # the bounds reach nine tenths of the costs
@@ -46,7 +46,9 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; sub-lists of the same clip and speed are contiguous, in the order of time."""
+    """All w sub-lists (short series of poses); sub-lists of the same clip and speed are contiguous, in the order of
+    time.
+    """
 
     place: np.ndarray  # (w,) float64, row of ``theta`` at which the newest pose is, possibly between two rows
     stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording

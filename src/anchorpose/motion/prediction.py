@@ -29,8 +29,8 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-# number of segments (groups of sub-lists) that are searched first, to get a first limit of the cost above which other
-# segments are skipped
+# number of segments (groups of sub-lists) that are searched first; the costs found there become the limit above which
+# other segments are skipped
 _SEEDS: Final = 16
 # factor on lower bounds, and metres that are subtracted from lower bounds, since single precision may round a bound up
 _ROUNDED: Final = np.float32(0.9999)
@@ -39,7 +39,9 @@ _SLACK_M: Final = np.float32(1e-5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """The sub-lists that are most similar to the last poses, the best first."""
+    """The sub-lists (short series of poses in reference movements) that are most similar to the patient's last poses,
+    the best first.
+    """
 
     place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
     stride: np.ndarray  # (m,) database rows per frame of the recording
@@ -222,7 +224,7 @@ _SHARPNESS: Final = 4
 
 
 class MotionRule(StrEnum):
-    """The rule by which the next poses are predicted."""
+    """The rule by which the patient's next poses are predicted."""
 
     BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
     # the paper's rule: the last pose plus the change of pose that follows the most similar sub-list
@@ -409,7 +411,8 @@ def _travelled(steps: int) -> np.ndarray:
 
 
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
-    """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
+    """Return, for each span (number of frames), the weight (s,) float64 of the velocity that is measured over this
+    span; the weights add up to 1. spans: in rising order.
 
     The velocity over a short span follows the movement quickly; the velocity over a long span averages out noise. The
     weights follow from how well the velocity over each span would have predicted the newest frames from earlier frames,

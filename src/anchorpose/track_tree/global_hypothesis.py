@@ -70,7 +70,8 @@ def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: G
     subset of the anchors (head, hands and feet) that were found in both frames.
 
     Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, the only subset
-    has all found anchors; without anchors, the matcher has no columns.
+    has all found anchors; without anchors, the matcher has no columns. With ``Feature.POSITION``, the only column has
+    the nearest node.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)

@@ -62,8 +62,8 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of the anchors. A node without a match has the value -1,
-    which is not an error.
+    """For each node of a frame, one possible match in the next frame per subset of the anchors. A node without a match
+    has the value -1, which is not an error.
     """
 
     match: np.ndarray  # (m, s) int32, node of the next surface, -1 = no node within the gate
@@ -71,10 +71,11 @@ class Hypotheses:
 
 
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
-    """Return S_A,m: all subsets with ``size`` of the found anchors, as rows of anchor indices in ascending order.
+    """Return all subsets of ``size`` found anchors (S_A,m in the paper), as rows of anchor indices in ascending order.
 
-    found (5,) bool: anchors found in both frames. Return an int64 array (C(N_A, size), size). If fewer anchors than
-    ``size`` were found, the only subset has all found anchors; without anchors, the result is a (0, size) array.
+    found (5,) bool: whether each anchor (head, hands and feet) was found in both frames. Return an int64 array (C(N_A,
+    size), size). If fewer anchors than ``size`` were found, the only subset has all found anchors; without anchors, the
+    result is a (0, size) array.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")

@@ -1,4 +1,6 @@
-"""Compute, in compiled code, the match of every node under every subset of anchors."""
+"""Compute, in compiled code, the match of every node in the next frame, for every subset of the anchors (head, hands
+and feet).
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ class Balls(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory for the search of one node."""
+    """Working memory to find the matches of one node."""
 
     spots: np.ndarray  # (n,) target nodes in the ball's voxels
     distances: np.ndarray  # (5, n) distances of the nodes in ``spots`` to the anchors

@@ -80,7 +80,9 @@ def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.nda
 
 @njit(cache=True)
 def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.ndarray) -> bool:
-    """Fill T (4, 4) as ``fit_rigid_transform`` does; return False, with T unchanged, if the points are collinear."""
+    """Fill T (4, 4) with the rigid motion that best maps ``source`` onto ``target``, as ``fit_rigid_transform`` does;
+    share: each pair's weight, sum 1. Return False, with T unchanged, if the points are collinear.
+    """
     source_mean, target_mean, spread = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for row in range(len(source)):
         for axis in range(3):

@@ -1,4 +1,5 @@
-"""Search the track tree of each node for the branch that is nearest to the node's predicted places (paper, Section IV).
+"""Search the track tree of each node (its possible matches over several frames) for the branch that is nearest to the
+node's predicted places (paper, Section IV).
 
 A branch is a chain of matches from frame to frame: it has one node in each of up to N_Tr frames (the depth of the
 tree), and all its nodes may show the same place on the skin.
@@ -158,7 +159,7 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """The matches, costs and nodes of all levels, one level after another."""
+    """The matches, costs and nodes of all levels (steps from a frame to the next), one level after another."""
 
     matches: np.ndarray  # (sum of n_l, s) int32, as in ``best_branches``
     costs_m: np.ndarray  # (sum of n_l, s) m, cost added to each match

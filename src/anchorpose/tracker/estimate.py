@@ -103,8 +103,8 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Estimate the joints of the registered body (by rule J of the paper), the joints' states from the depth images,
-    and their sigma.
+    """Estimate the joints of the registered body (each joint moves with its bone: rule J of the paper), the joints'
+    states from the depth images, and their sigma.
 
     corrected: joints whose places a reviewer corrected. If cameras see past such a joint, the joint counts as hidden
     instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place; if

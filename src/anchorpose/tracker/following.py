@@ -55,9 +55,10 @@ def follow_openly(
 
 
 class Follower:
-    """The object that follows one patient, frame by frame. A follower can be stored between two frames
-    (``tracker.journal``). The arguments have the same meaning as in ``follow_openly``; search: a search for a lost
-    patient that this follower continues; None if the patient was not followed before.
+    """The object that follows one patient, frame by frame. Its state can be stored between two frames
+    (``tracker.journal``), so that an interrupted run can continue. The arguments have the same meaning as in
+    ``follow_openly``; search: a search for a lost patient that this follower continues; None if the patient was not
+    followed before.
     """
 
     run: Run

@@ -33,8 +33,8 @@ from anchorpose.tracker.start import NoStart, find_start, quality
 
 # m, an arm's length plus half a trunk; a frame scores less if another person is closer to the patient than this
 CROWDED_M: Final = 1.0
-# factor on the score of a frame with fewer people than the median over all frames that show the patient, since two
-# people may have been taken for a single person
+# factor on the score of a frame that shows fewer people than usual (the median over all frames that show the patient),
+# since two people may have been taken for a single person
 MERGED: Final = 0.5
 # minimum fit of a body (``best_of``), 0 to 1. If a frame reaches this minimum and ``WHOLE``, no other frame is tried.
 # The fit is 0.95 to 1 for a patient alone, and 0.7 if a therapist's arm has the patient's label
@@ -89,7 +89,9 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first unbroken series of frames that show the patient at a place; at least one frame must do so."""
+    """Return the first unbroken series of frames that show the patient at a place; at least one frame must show the
+    patient there.
+    """
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     begin = there.index(True)
     return range(begin, there.index(False, begin) if False in there[begin:] else len(there))

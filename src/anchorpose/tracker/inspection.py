@@ -217,7 +217,7 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
     """Return the frame after the inspected frame and its matches; None if the recording ends or this frame does not
-    show the patient. The tracker's window is filled with the following frames first.
+    show the patient. The following frames are first added to the tracker's window, up to the whole look-ahead.
     """
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)

@@ -39,7 +39,7 @@ CANDIDATES: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The values of a frame that learning needs; they take a third of the memory of a whole estimate."""
+    """The values of a frame that are needed to learn the body; they take a third of the memory of a whole estimate."""
 
     time_s: float
     belief: PoseBelief
@@ -389,7 +389,9 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
-    """Return the belief ``known`` after learning from the ``count`` frames of ``kept`` that differ most in pose."""
+    """Return the belief ``known`` after learning from the ``count`` frames of ``kept`` that differ most in pose.
+    reaches_m: for each learning step, the maximum distance at which a surface node pulls the skin.
+    """
     chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),

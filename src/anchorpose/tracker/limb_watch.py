@@ -117,7 +117,9 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
 def is_doubtful(
     body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
 ) -> bool:
-    """Return whether a limb may be misplaced: much seen skin is uncovered, or a hand or foot is far from its anchor."""
+    """Return whether a limb may be misplaced: the body leaves much seen skin uncovered, or its hand or foot is far from
+    the anchor (the hand or foot found on the surface).
+    """
     if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]

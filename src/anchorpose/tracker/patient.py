@@ -43,14 +43,14 @@ from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 # a patient is in view if at least this share of the joints is inside a camera's image
 IN_VIEW: Final = 0.25
-# m, half a forearm's width. A frame is observed with a predicted place of the patient. If a later prediction for this
-# frame differs by more than this, the frame is observed again
+# m, half a forearm's width. Each frame is observed (labelled and meshed) with a predicted place of the patient. If a
+# later prediction for this frame differs by more than this constant, the frame is observed again
 SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The tracker of one patient. The tracker's window holds the last registered frame and up to ``look_ahead`` later
-    frames.
+    """The tracker of one patient. Its window holds the last registered frame and the look-ahead: up to ``look_ahead``
+    later frames, which are read before the next pose is estimated.
     """
 
     run: Run
@@ -106,7 +106,7 @@ class PatientTracker:
         if not self._look(frame_set) or only_look:
             return None
         registration, following, hypothesis = self._advance()
-        # estimate: joints from the posed skin (the paper's rule J), their states and their uncertainty
+        # estimate: joints of the posed body (the paper's rule J), their states and their uncertainty
         estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
         return replace(estimate, moved=self.moved)
 
@@ -301,8 +301,8 @@ class PatientTracker:
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
         """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
 
-        If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The limbs are
-        then made more uncertain, so that the corrections get more weight, and the past poses are replaced
+        If the corrections contradict the belief, the tracker has probably assigned depth readings to a wrong limb. The
+        limbs are then made more uncertain, so that the corrections get more weight, and the past poses are replaced
         (``_keep_path``). Corrections that the body cannot reach are ignored.
         """
         given = self._corrections(seen)
@@ -400,8 +400,8 @@ class PatientTracker:
         return best.registration
 
     def _keep_path(self, pose: Pose, wrong: Pose) -> None:
-        """Replace the joints of the past frames, after ``pose`` corrected the pose ``wrong``. Of the past movement,
-        only the path of the trunk is kept (``corrected_past``).
+        """Replace the joints of the past frames, after ``pose`` corrected the pose ``wrong``. Only the path of the
+        trunk is kept from the past movement (``corrected_past``).
         """
         past_m = corrected_past(np.array(self.history), self.body.joints(pose), self.body.joints(wrong))
         self.history.clear()

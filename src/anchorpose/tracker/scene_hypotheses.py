@@ -131,7 +131,7 @@ class KnownPeople:
 
     @property
     def bystanders(self) -> dict[int, ExpectedJoints]:
-        """Return where each bystander with a body is expected, by label."""
+        """Return the expected joints of each bystander with a fitted body, by the bystander's label."""
         return {
             one.label: ExpectedJoints(
                 one.body.joints(ahead(one, body_points(), self.elapsed_s)),
@@ -153,8 +153,8 @@ class KnownPeople:
 
 def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
     """Return the standard deviation, in metres, of a person's joints around their expected places; the patient's
-    predicted skin has the same uncertainty (``patient_likelihood``). elapsed_s: time since the last frame; hidden_s:
-    time for which the person has been hidden.
+    predicted skin gets its uncertainty by the same formula (``patient_likelihood``). elapsed_s: time since the last
+    frame; hidden_s: time for which the person has been hidden.
     """
     return SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * hidden_s
 
@@ -276,7 +276,7 @@ def _renamed(views: Sequence[View | None], renamed: np.ndarray) -> tuple[View | 
 
 
 def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeople) -> Observation:
-    """Return the observation of the frame with other labels."""
+    """Return the observation of the frame after its person labels were replaced by the labels in ``views``."""
     run, seen = known.run, known.seen
     memory = update_memory(seen.memory, now.pieces, views, run.room.cameras, known.elapsed_s)
     bystanders = see_bystanders(seen.bystanders, views, known.elapsed_s, run)
@@ -285,9 +285,9 @@ def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeop
 
 
 def _registered(seen: Observation, rough: Pose | None, known: KnownPeople) -> Registration:
-    """Return the patient's registration to other pixels; ``found`` is False if no pose fits. Three poses are tried: the
-    predicted pose, the predicted pose moved to the rough body's place, and the rough body's pose. The likeliest result
-    is returned.
+    """Register the patient's body to the pixels that have the patient's label in ``seen``; ``found`` is False if no
+    pose fits. Three poses are tried: the predicted pose, the predicted pose moved to the rough body's place, and the
+    rough body's pose. The likeliest result is returned.
     """
     config, body, predicted = known.run.config.registration, known.body, known.predicted
     starts = [predicted.pose]

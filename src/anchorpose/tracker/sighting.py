@@ -80,7 +80,7 @@ class Sighting:
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
-    """Return the people at one moment, each with a rough body."""
+    """Return the people at one moment, each with a rough body (a body of average shape, fitted to the person)."""
     pieces, cameras = find_all_pieces(frame_set, scenes), [scene.camera for scene in scenes]
     crowd = see_people_apart(pieces, cameras)
     people = crowd.people

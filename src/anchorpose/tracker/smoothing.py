@@ -227,7 +227,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        # if the passes disagree on the trunk, limbs are taken from the pass whose trunk is used
+        # if the passes disagree on the trunk, the limbs are taken from the pass that gives the trunk
         weight[split, part] = weight[split, 0]
     return weight
 
@@ -276,8 +276,8 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """Return sigma (t, 21) of the mixture. Disagreement of the passes increases sigma. Agreement does not reduce sigma,
-    since both passes used the same images.
+    """Return sigma (t, 21) of the joints that are mixed from both passes. Disagreement of the passes increases sigma.
+    Agreement does not reduce sigma, since both passes used the same images.
     """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)

@@ -127,7 +127,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """Return the points, out of (n, 3) with normals (n, 3), that face at least one camera."""
+    """Return the points of ``points_m`` (n, 3) that face at least one camera, by their normals (n, 3)."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0
