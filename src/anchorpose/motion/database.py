@@ -364,7 +364,7 @@ def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
         # a file may name a joint as this project does, or by the bone that begins at the joint, as the data set UI-PRMD
-        # does: its LHand is the left wrist. Neck and Head have the same names in both
+        # does: its LHand is the left wrist; Neck and Head have the same names in both
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

@@ -213,8 +213,8 @@ SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity 
 # ratio of the velocities in two successive predicted frames; below 1, since a limb reverses its movement within a few
 # tenths of a second
 DAMPING: Final = 0.85
-# share of the velocity difference (patient minus matches) that is added to the matches' velocity. It is below 1, since
-# the difference is noisy
+# share of the velocity difference (patient minus matches) that is added to the matches' velocity. The share is below 1,
+# since the difference between the velocities of patient and matches is noisy
 OWN_VELOCITY: Final = 0.8
 # number of newest frames on which each of ``SPANS`` is tested. Each frame is predicted from the frames before it; the
 # squared errors of these predictions, summed over about 60 columns of the pose vector, determine the span's weight
@@ -237,7 +237,7 @@ class MotionRule(StrEnum):
 class MotionConfig:
     """Settings of how movements are compared and continued. The module ``motion.database`` describes pose vectors.
 
-    The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
+    The default values were chosen on four people of the data set UI-PRMD, each left out in turn (docs/tracking.md).
     """
 
     rule: MotionRule = MotionRule.BLEND
@@ -249,7 +249,8 @@ class MotionConfig:
     # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
     neighbours: Count = 32
     # number of frames before the newest pose at which two test predictions of the newest pose start: by the matches,
-    # and by the patient's velocity. The better a test prediction, the more weight its method gets
+    # and by the patient's velocity. The better its test prediction, the more weight each of the two methods (matches,
+    # velocity) gets
     checked: Count = 7
 
     @property

@@ -174,7 +174,8 @@ def skin_places(
     """Return (m, 3) the target of the skin point beside each node: the place of the node's match, shifted along the
     skin by the offset from the node to the skin point. The target is NaN if the node's match is missed.
 
-    The offset perpendicular to the skin is not kept, so a body that has drifted off the surface is pulled back.
+    Only the offset along the skin is kept, not the offset perpendicular to the skin, so a body that has drifted off the
+    seen surface is pulled back to it.
     """
     skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
     beside = skin - window[0].surface.points_m[hypothesis.node]

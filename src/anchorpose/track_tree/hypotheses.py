@@ -1,8 +1,8 @@
 """Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Track Tree
 Construction).
 
-The gate limits the difference between the descriptors of one skin point in two frames (paper, Error Analysis). The
-descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
+The gate is the largest accepted difference between the descriptors of one skin point in two frames (paper, Error
+Analysis). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class HypothesisConfig:
     # hypothesis
     subset_size: Count = 3
     # whether matches of nodes between frames constrain the registration of the whole body in every frame; False = they
-    # are not used for it. The paper's method (``Method.PARTS``) uses matches in any case
+    # are not used for it. The paper's method (``Method.PARTS``) uses the matches whether ``always`` is set or not
     always: bool = False
     # whether a node's distances to anchors are left out if a hole in the surface lengthens them; False = they are kept,
     # as in the paper, where the track tree has to choose subsets of anchors with correct distances
@@ -51,8 +51,8 @@ class GateConfig:
     (e_1) and surface noise (e_2) can cause.
     """
 
-    # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
-    # matches worse by a quarter
+    # e_1, m, for anchor jitter. With both terms, the gate (largest accepted change of a descriptor) is 3 cm at 1 m from
+    # an anchor; the paper's 5 cm made the matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
     # e_2, m per m of path to the anchor, for the noise of geodesic distances that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010

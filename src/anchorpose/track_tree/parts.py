@@ -1,7 +1,7 @@
 """Register every body part separately, by ICP (iterative closest point) from the predicted pose, as in the paper
 (Section IV).
 
-In all arrays of points, the rows of a part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
+In all arrays of points, the rows of a body part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
 (parts + 1,) int64.
 """
 
@@ -25,8 +25,8 @@ from anchorpose.surface.surface import Nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
 # m; a pair's weight is halved at the median residual of the part's pairs (residual: distance between a pair's two
-# places after the part's motion), but never at a residual smaller than this constant. Its value is the spacing of
-# nodes, since pairs with smaller residuals fit equally well
+# places after the part's motion), but never at a residual smaller than this constant. The constant is the spacing of
+# surface nodes, since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02

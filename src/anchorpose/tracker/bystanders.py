@@ -81,8 +81,8 @@ LEAST_EXPLAINED: Final = 0.75
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
 # not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
-# maximum share of a limb's skin that a camera may see past (read something farther away). A body is rejected only if
-# two limbs exceed this share, since a single limb may be misplaced on a correct body
+# maximum share of a limb's skin that a camera may see past (read something farther away). A fitted body is rejected if
+# at least two limbs exceed this maximum, but not for a single limb, which may be misplaced on a correct body
 MOST_LIMB_PAST: Final = 0.5
 # minimum number of surface nodes to fit a body; a third of a person's front gives as many at a distance of 4 m
 LEAST_NODES: Final = 150
@@ -313,9 +313,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search may
-    # take all its rounds: after the first round alone, a person who crouches would be taken for a person who faces the
-    # other way
+    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search for
+    # misplaced limbs may take all its rounds: after the first round alone, a person who crouches would be taken for a
+    # person who faces the other way
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)

@@ -18,8 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames from a failed search for the patient's body to the next search. Each failure doubles this number, up
-# to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
+# number of frames from a failed search for the patient's body to the next search. Each failed search doubles the number
+# of frames to wait, up to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 

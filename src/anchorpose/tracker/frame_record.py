@@ -25,8 +25,8 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-# m, minimum length by which a bone's vector is divided to get the bone's direction. It prevents a division by almost
-# zero; only missing bones are shorter
+# m, minimum length by which a bone's vector is divided to get the bone's direction. The minimum prevents a division by
+# almost zero; only the bones of missing limbs are shorter
 LEAST_BONE_M: Final = 1e-6
 
 

@@ -36,15 +36,17 @@ CROWDED_M: Final = 1.0
 # factor on the score of a frame that shows fewer people than usual (the median over all frames that show the patient),
 # since two people may have been taken for a single person
 MERGED: Final = 0.5
-# minimum fit of a body (``best_of``), 0 to 1. If a frame reaches this minimum and ``WHOLE``, no other frame is tried.
-# The fit is 0.95 to 1 for a patient alone, and 0.7 if a therapist's arm has the patient's label
+# minimum fit of a body (``best_of``), 0 to 1. If a body fits a frame at least this well, and the frame also reaches
+# ``WHOLE``, no other initial frame is tried. The fit of a body is 0.95 to 1 for a patient alone, and 0.7 if a
+# therapist's arm has the patient's label
 WELL: Final = 0.92
 # minimum visible area of the patient, as a share of the usual area (``InitialFrame.whole``), for which no other frame
-# is tried. It is needed besides ``WELL``, since any pose fits a frame that shows only a narrow strip of the patient
+# is tried. The minimum area is needed besides the minimum fit ``WELL``, since any pose fits a frame that shows only a
+# narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# share of the span from the first to the last candidate frame. A frame that is nearer than this to a tried frame scores
-# less, since it would probably fail for the same reason
+# share of the span from the first to the last candidate frame. A candidate that is nearer than this share of the span
+# to a frame in which a body was tried already scores less, since it would probably fail for the same reason
 APART: Final = 0.25
 
 

@@ -29,7 +29,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 
 # maximum number of frames from the recording's initial frame to the inspected frame; tracking so many frames takes
-# about 30 s. If the initial frame is farther away, tracking starts at a nearer frame
+# about 30 s. If the recording's initial frame is farther away, tracking starts at a frame nearer to the inspected frame
 MOST_FOLLOWED = 60
 # number of frames next to the inspected frame, on the side of the recording's initial frame, in which tracking may
 # start; and the number of these frames that are examined

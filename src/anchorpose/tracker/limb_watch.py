@@ -21,15 +21,15 @@ from anchorpose.tracker.room import Run
 # first and largest number of frames to wait after a search for limbs without a result, since a search takes as long as
 # tracking three frames; each such search doubles this number
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If the sum is below this
-# limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
-# (``tools/measure_named_places.py``)
+# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If a limb's sum is below
+# this limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, the sums of
+# all limbs are larger (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
 # factor; the pause between searches ends early if the area of visible skin that the body does not cover has grown by
 # this factor since the last search without a result
 MORE: Final = 1.5
-# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The limit is large, since
-# the surface of an arm ends at wrist or elbow if a bar hides the hand
+# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The maximum distance is
+# large, since the seen surface of an arm ends at wrist or elbow if a bar hides the hand
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head
 

@@ -23,8 +23,8 @@ from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
 # minimum number of a node's distances to anchors that must remain after the distances lengthened by a hole in the
-# surface are left out; with fewer, all distances of the node are kept. Three distances identify a node (paper, Section
-# IV-D), and four distances allow four choices of three
+# surface are left out; with fewer, all distances of the node are kept. The distances to three anchors identify a node
+# (paper, Section IV-D), and four distances allow four different choices of three anchors
 LEAST_TRUSTED = 4
 # number of frames from a check by the learnt descriptor to the next check; a check takes a third of the time for
 # tracking a frame

@@ -57,11 +57,11 @@ def with_other_statures(
 ) -> ShapeBelief:
     """Return the belief with the same shape and a covariance that includes other statures.
 
-    Each other stature is weighted by its odds. The log odds are the difference of two sums, for the shape of this
-    stature and for the learnt shape. Each sum adds the log probability of the shape to the mean log probability of the
-    frames. ``believed`` reduces the log odds, since clothes cause errors of both sums. known: the belief in the shape
-    before any frame was used; subject: the user's statements about the patient. Half as many frames are used as for
-    learning: the frames whose poses differ most.
+    Each other stature is weighted by its odds against the learnt stature. The log odds are the difference of two sums,
+    for the shape of this stature and for the learnt shape. Each sum adds the log probability of the shape to the mean
+    log probability of the frames. ``believed`` reduces the log odds, since clothes cause errors of both sums. known:
+    the belief in the shape before any frame was used; subject: the user's statements about the patient. Half as many
+    frames are used as for learning: the frames whose poses differ most.
     """
     chosen = most_different(body_points(), [frame.pose for frame in frames], config.learning.frame_count // 2)
     some = [frames[number] for number in chosen]

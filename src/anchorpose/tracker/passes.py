@@ -187,7 +187,7 @@ class _Passes:
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
         """Track from the initial frame to one end and back, and combine both passes.
 
-        The frames are then read a third time, to compute how well the smoothed poses fit them.
+        After both passes, the frames are read a third time, to compute how well the smoothed poses fit them.
         """
         usable = self.run.room.review.why_unusable
 

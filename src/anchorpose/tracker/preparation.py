@@ -35,8 +35,8 @@ from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 
-# factor on the number of sampled frames if a camera has no image of the empty room. The room is then composed from
-# samples in which people hide different parts of it
+# factor on the number of sampled frames if a camera has no image of the empty room. Without such an image, the empty
+# room is composed from sampled frames in which people hide different parts of it
 BLIND_SAMPLES = 3
 # number of frames that are examined on each side of the frame in which the user gave the patient's place. In so few
 # frames, a person walks only half a step

@@ -30,13 +30,12 @@ LEAST_S: Final = 1.0
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 # number of sampled frames that are left out after an object came to rest, since the object may still move a little
 SETTLING: Final = 2
-# 0 to 1, minimum that each of two shares must reach. The first share is the part at rest of the connected foreground
-# that contains an object. The second share is the part of the object's pixels that came to rest only after the first
-# samples
+# 0 to 1, minimum of two shares for an object to count as resting: the share of the connected foreground around the
+# object that is at rest, and the share of the object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
 # percentile of the share at rest over the sampled frames that show the object at rest (``_whole_share``). With this
-# percentile, people may touch the object in two thirds of the frames
+# percentile, an object counts as resting even if people touch it in up to two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 

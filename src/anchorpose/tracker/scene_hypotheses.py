@@ -50,9 +50,9 @@ from anchorpose.tracker.sighting import TWO_PEOPLE_M
 ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
-# nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. It also
-# limits the cost of a bystander's movement; the cost of the assumption that the patient is hidden is limited to twice
-# this value
+# nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. The cost
+# of a bystander's movement is limited to the same value; the cost of the assumption that the patient is hidden is
+# limited to twice this value
 STRANGE: Final = 6.0
 # (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
 # are often misplaced

@@ -45,8 +45,8 @@ SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
-# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. A hand that starts to
-# reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
+# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. The value follows from
+# a hand that starts to reach: it gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
 ACCELERATION: Final = 2.0
 
 

@@ -194,8 +194,9 @@ def _start_with(
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose ``before``.
 
-    A person who has turned so far may not be the patient. For example, a helper who was hidden together with the
-    patient often faces the patient. If the patient showed a camera the front, this helper shows the camera the back.
+    A person whose pelvis has turned farther than is likely may not be the patient. For example, a helper who was hidden
+    together with the patient often faces the patient. If the patient showed a camera the front, this helper shows the
+    camera the back.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
