@@ -139,7 +139,7 @@ def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarr
 
 
 def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
-    """Return the motion tau^(t,t+1) of every body part between two frames: (b, 4, 4) T_next_now."""
+    """Return the motion of every body part between two frames (tau^(t,t+1) in the paper): (b, 4, 4) T_next_now."""
     return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
 
 

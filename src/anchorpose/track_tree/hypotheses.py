@@ -88,9 +88,9 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
     """Return the gate e_max (m, s) float32 in metres for every node and subset of anchors (paper, Error Analysis).
 
-    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
-    anchors. The bound is NaN if a distance is missing, and inf if no path on the surface leads to an anchor; the node
-    then has no match under this subset.
+    descriptor (m, 5): distances to the anchors in metres; subsets (s, n_s): anchor indices of each subset. The bound is
+    linear in the mean distance to a subset's anchors. The bound is NaN if a distance is missing, and inf if no path on
+    the surface leads to an anchor; the node then has no match under this subset.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance

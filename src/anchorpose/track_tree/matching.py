@@ -83,8 +83,8 @@ def match_all(
     """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
     source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough: from ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that the target
-    nodes in these voxels are copied only once.
+    enough: result of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that the
+    target nodes in these voxels are copied only once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m

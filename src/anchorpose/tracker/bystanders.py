@@ -1,5 +1,5 @@
-"""Fit a rough body to every bystander (person other than the patient) and follow this body over time. Each pixel can
-then be compared with the predicted skin of every person.
+"""Fit a rough body (a body of average shape) to every bystander (person other than the patient), and follow this body
+over time. Each pixel can then be compared with the predicted skin of every person.
 
 A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always reveal
 to whose forearm a pixel belongs, and a wrong person label persists in later frames. Fitted bodies can reveal the owner
@@ -254,9 +254,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used: a
-    large part of the outline is often the edge of an object that hides the body, not the edge of the body. If few
-    pixels show the person, a larger share of these pixels becomes nodes.
+    """Return the data to which one person's body is fitted, mainly the surface nodes of the person's pixels. The
+    person's outline is not used: a large part of the outline is often the edge of an object that hides the body, not
+    the edge of the body. If few pixels show the person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]

@@ -45,8 +45,9 @@ WELL: Final = 0.92
 # narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# share of the span from the first to the last candidate frame. A candidate that is nearer than this share of the span
-# to a frame in which a body was tried already scores less, since it would probably fail for the same reason
+# wanted distance between the frames in which a body is tried, as a share of the span from the first to the last
+# candidate frame. A candidate frame that is nearer than this to a frame in which a body was tried already scores less,
+# since it would probably fail for the same reason
 APART: Final = 0.25
 
 
@@ -141,7 +142,9 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
-    """Return the log probability, in nats, of a start's pose and shape, given the images and the body priors."""
+    """Return the log probability, in nats, of the pose and shape with which tracking would start, given the images and
+    the prior knowledge of people's bodies.
+    """
     body = build_body(body_points(), start.shape)
     readings = log_probability(body, start.belief.pose, start.observation.evidence)
     return readings - 0.5 * shape_cost(start.shape, subject, config)

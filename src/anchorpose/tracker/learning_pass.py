@@ -70,7 +70,9 @@ class OtherFacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape, and the patient's pose in the first frame that learning used."""
+    """The learnt shape of the patient with its uncertainty, and the patient's pose in the first frame that learning
+    used.
+    """
 
     belief: ShapeBelief  # belief in the shape at the end of learning
     first: ShapeBelief  # belief in the shape after the first window of frames
@@ -162,7 +164,8 @@ class _Window:
     # larger its cost
     moved: float
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    # start with the opposite facing in frame number ``frame``; None if this frame excludes the opposite facing
+    # the patient with the opposite facing, as found in frame number ``frame``; None if this frame excludes the opposite
+    # facing
     turned: Start | None
     frame: int  # number of the first frame with the patient; 0 in stretches after the first
 

@@ -1,5 +1,5 @@
 """Fit taller and shorter bodies to the frames from which the body was learnt, and include them in the belief in the
-shape.
+shape (its estimate and uncertainty).
 
 Learning takes Gauss-Newton steps, which end in the local minimum of the fitting cost that is nearest to their start.
 The covariance at this minimum does not include other minima, such as bodies of another stature. If the feet are cut off
@@ -55,7 +55,7 @@ def frames_nats(shape: FittedShape, frames: Sequence[PosedFrame], config: TrackC
 def with_other_statures(
     learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], subject: Subject, config: TrackConfig
 ) -> ShapeBelief:
-    """Return the belief with the same shape and a covariance that includes other statures.
+    """Return the belief with the same shape, and with a covariance that includes bodies of other statures.
 
     Each other stature is weighted by its odds against the learnt stature. The log odds are the difference of two sums,
     for the shape of this stature and for the learnt shape. Each sum adds the log probability of the shape to the mean

@@ -121,8 +121,8 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
     """Track all frames as soon as the first result is requested, then yield the results in the order of time.
 
-    Every block is stored in the journal; if the journal has frames already, tracking continues after them. If tracking
-    cannot continue, InputError is raised before the first result is requested.
+    The tracked frames are stored in the journal in blocks; if the journal has frames already, tracking continues after
+    them. If tracking cannot continue, InputError is raised before the first result is requested.
     """
     passes = _Passes(route, run, learnt, None if learnt is None else build_body(body_points(), learnt.shape), journal)
     passes.require_readable()

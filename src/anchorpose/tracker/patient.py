@@ -299,7 +299,8 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
+        """Return the belief (pose and its uncertainty) with a reviewer's corrections of this frame's joints; unchanged
+        without corrections.
 
         If the corrections contradict the belief, the tracker has probably assigned depth readings to a wrong limb. The
         limbs are then made more uncertain, so that the corrections get more weight, and the past poses are replaced
@@ -362,8 +363,8 @@ class PatientTracker:
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration, self.pace
             )
             explanation = explained_by(self.body, best, seen)
-            # if a rival (another pose that fits almost as well) replaced the best pose, the rival's pose serves as the
-            # predicted pose
+            # if a rival (another pose that fits almost as well) replaced the best pose, the search for limbs uses the
+            # rival's pose as the predicted pose
             expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:

@@ -176,8 +176,8 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether most of the person's surface lies near the fitted rough body and cameras do not see past a large
-    share of the body's trunk.
+    """Return whether the seen person is human: most of the person's surface lies near the fitted rough body (average
+    shape), and cameras do not see past a large share of this body's trunk.
 
     In each sighting, a share of the person's surface lies near the body. The upper quartile of these shares decides,
     since a pad and a therapist may hide almost all of a patient until the patient stands up.

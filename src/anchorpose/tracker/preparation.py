@@ -38,8 +38,8 @@ from anchorpose.tracker.sighting import rough_body_of, sight_people
 # factor on the number of sampled frames if a camera has no image of the empty room. Without such an image, the empty
 # room is composed from sampled frames in which people hide different parts of it
 BLIND_SAMPLES = 3
-# number of frames that are examined on each side of the frame in which the user gave the patient's place. In so few
-# frames, a person walks only half a step
+# number of frames that are examined on each side of the frame in which the user gave the patient's place. In this
+# number of frames, a person walks only half a step
 AROUND: Final = 6
 OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 MOVED: Final = "moved during the recording, or its depth drifted: positions from before and after do not fit together"

@@ -46,7 +46,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import NEAR_M, WALK_M_S, LastSeen
 from anchorpose.tracker.sighting import TWO_PEOPLE_M
 
-# m, assumed error of the place of a rough body's trunk, which has average proportions: the depth of half a chest
+# m, assumed error of the place of a bystander's trunk, since the rough body has average proportions; half the depth of
+# a chest
 ROUGH_SIGMA_M: Final = 0.1
 # deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
 USUAL: Final = 3.0
@@ -230,7 +231,9 @@ def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
 
 
 def _exchanged(now: Observation, known: KnownPeople) -> Iterator[SceneHypothesis]:
-    """Yield the hypotheses that the patient is one of the people whom the descriptor finds, each of them in turn."""
+    """Yield, for each person whom the learnt descriptor finds near the patient's last place, the hypothesis that this
+    person is the patient. People whom the patient's body does not fit are left out.
+    """
     run = known.run
     crowd = people_of(now.frame_set, run)
     place = known.last.belief.pose.root_m[[0, 2]]
@@ -286,8 +289,8 @@ def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeop
 
 def _registered(seen: Observation, rough: Pose | None, known: KnownPeople) -> Registration:
     """Register the patient's body to the pixels that have the patient's label in ``seen``; ``found`` is False if no
-    pose fits. Three poses are tried: the predicted pose, the predicted pose moved to the rough body's place, and the
-    rough body's pose. The likeliest result is returned.
+    pose fits. Three poses are tried: the predicted pose, the predicted pose moved to the place of ``rough`` (pose of a
+    body of average shape fitted to the same pixels), and the pose ``rough``. The likeliest result is returned.
     """
     config, body, predicted = known.run.config.registration, known.body, known.predicted
     starts = [predicted.pose]

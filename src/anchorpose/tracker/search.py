@@ -146,7 +146,7 @@ class Search:
         """Return the people who are not bystanders seen before.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
-        Labels may spread from one person to another who touches them, but the descriptor separates these people.
+        Labels may spread from one person to another who touches them, but the learnt descriptor still finds two people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)

@@ -40,8 +40,8 @@ SEEN = 0.3
 # maximum rarity (sum of squared joint deviations) of a pose that counts as usual; correct first poses have 15 to 60,
 # wrong poses over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct starts have 0.35, wrong starts in a crowd less
-# than 0.25
+# minimum quality of a start (first pose) in a recording without equipment; correct first poses have 0.35, wrong first
+# poses in a crowd less than 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
@@ -120,7 +120,8 @@ def find_start(
 def start_as_learnt(
     frame_set: FrameSet, run: Run, choice: PatientChoice, shape: FittedShape, facing: Facing
 ) -> Start | NoStart:
-    """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
+    """Return the start (the patient's first pose) in a frame from which the body was learnt, or why tracking does not
+    begin in this frame.
 
     Poses with the learnt facing are registered: the learnt pose, the first pose in this frame and the pose of the rough
     body. The most probable pose is kept.
@@ -146,10 +147,11 @@ def start_as_learnt(
 def _as_rough(
     body: Body, crowd: Crowd, choice: PatientChoice, seen: Observation, facing: Pose, config: TrackConfig
 ) -> list[Pose]:
-    """Return the registered pose of the patient's rough body; empty if it faces another way than the pose ``facing``.
+    """Return the pose of the patient's rough body (average shape), registered to the frame; empty if this body is
+    turned by more than a right angle relative to the pose ``facing``.
 
-    The rough body was fitted to the pixels that the descriptor assigns to this person, before the fitted bodies of all
-    people decided to whom each pixel belongs.
+    The rough body was fitted to the pixels that the learnt descriptor assigns to the patient, before the fitted bodies
+    of all people decided to whom each pixel belongs.
     """
     rough = crowd.body_at(choice.ground_xz_m)
     if rough is None or facing.faces_away(rough.found.belief.pose):
@@ -173,14 +175,15 @@ def _start_with(
     facing: Facing | None = None,
     turned: Rival | None = None,
 ) -> Start | None:
-    """Return the start with a registered first pose, after a search for misplaced limbs; None if the pose does not fit.
+    """Return the start of tracking from a registered first pose, after a search for misplaced limbs; None if the pose
+    does not fit.
 
     expected: as in ``find_start``. facing: as in ``start_as_learnt``; if it is given, the search does not turn the body
     round. turned: a pose with the opposite facing, which becomes a rival of the first pose.
     """
     if not found.found:
         return None
-    # the search corrects exchanged left and right limbs, and limbs on which the descriptor found no matches
+    # the search corrects exchanged left and right limbs, and limbs on which the learnt descriptor found no matches
     search = search_limbs(body, found, expected or vague_belief(found.belief.pose), seen.evidence, config.registration)
     others = [*search.rivals, turned]
     if facing is None or not facing.pose.faces_away(search.registration.belief.pose):
@@ -212,7 +215,9 @@ def _turned(first: FirstPose) -> Rival:
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing in a frame; None if that facing has no body or does not fit."""
+    """Return the start of tracking in a frame with the opposite facing of the patient (``turned``); None if that facing
+    has no body of its own or does not fit.
+    """
     if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
@@ -278,8 +283,8 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
 
 
 def quality(start: Start) -> float:
-    """Return the quality of a start, 0 to 1: the share of the patient's surface that lies near the body. It is reduced
-    for each forearm or shank that is hardly seen, and for a rare pose.
+    """Return the quality of a start (first pose), 0 to 1: the share of the patient's surface that lies near the body.
+    The quality is reduced for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
     remains confused for long. Rare poses are often wrong: for example, if legs were fitted to the head of a kneeling
@@ -306,7 +311,7 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient is lost in
     this frame.
 
-    The start uses only the evidence of this frame, so that both passes are independent.
+    The uncertainty of the start's pose follows from the data of this frame alone, so that both passes are independent.
     """
     seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
     if seen is None or belief is None or shape is None:
