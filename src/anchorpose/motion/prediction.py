@@ -32,7 +32,8 @@ from anchorpose.settings import Count, NotNegative, Positive, settings
 # number of segments (groups of sub-lists) that are searched first; the costs found there become the limit above which
 # other segments are skipped
 _SEEDS: Final = 16
-# factor on lower bounds, and metres that are subtracted from lower bounds, since single precision may round a bound up
+# factor on lower bounds, and metres (``_SLACK_M``) that are subtracted from lower bounds, since single precision may
+# round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
 
@@ -235,7 +236,8 @@ class MotionRule(StrEnum):
 
 @settings
 class MotionConfig:
-    """Settings of how movements are compared and continued. The module ``motion.database`` describes pose vectors.
+    """Settings of how the patient's movement is compared with reference movements, and how it is continued. The module
+    ``motion.database`` describes pose vectors.
 
     The default values were chosen on four people of the data set UI-PRMD, each left out in turn (docs/tracking.md).
     """
@@ -246,7 +248,8 @@ class MotionConfig:
     # factors on the speed of reference movements, in steps of half an octave (a factor of 1.41)
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
-    # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
+    # number of similar sub-lists that are averaged; with a single sub-list, its noise would reach the prediction, and
+    # 64 sub-lists are not better than 32
     neighbours: Count = 32
     # number of frames before the newest pose at which two test predictions of the newest pose start: by the matches,
     # and by the patient's velocity. The better its test prediction, the more weight each of the two methods (matches,
@@ -265,7 +268,9 @@ class MotionConfig:
 
 
 class PredictionSource(StrEnum):
-    """The source of a prediction."""
+    """The data from which the next poses are predicted: reference movements, the patient's own velocity, or only the
+    last pose.
+    """
 
     DATABASE = "database"
     # the patient's own velocity is continued, since the rule uses no reference movements, the history is too short, or

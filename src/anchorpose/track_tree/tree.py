@@ -170,7 +170,9 @@ class _Levels(NamedTuple):
 
 
 class _Branch(NamedTuple):
-    """The branch under search. Each array has one row or entry for each level."""
+    """The branch under search. Each array has one row or entry for each level of the tree (step from a frame to the
+    next).
+    """
 
     node: np.ndarray  # children of the present node, by increasing cost
     cost: np.ndarray  # m, costs of the children in ``node``, ascending

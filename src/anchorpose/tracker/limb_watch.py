@@ -35,7 +35,7 @@ LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the fi
 
 
 class LimbWatch:
-    """The watch that decides in each frame whether to search for misplaced limbs; it pauses after searches without a
+    """The object that decides in each frame whether to search for misplaced limbs; it pauses after searches without a
     result.
     """
 

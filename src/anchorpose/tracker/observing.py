@@ -55,7 +55,7 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-# m, maximum sigma of predicted skin that helps to decide which pixels show the patient: half a limb's width
+# m, half a limb's width; predicted skin with a larger sigma is not used to decide which pixels show the patient
 LOOSEST_SKIN_M = 0.05
 UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
@@ -260,7 +260,9 @@ Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
 
 
 class Window:
-    """The last registered frame and the frames of the look-ahead. Nodes are matched only if the track tree is used."""
+    """The last registered frame and the look-ahead (later frames that are read before the next pose is estimated).
+    Nodes are matched only if the track tree is used.
+    """
 
     run: Run
     frames: deque[FrameSet]  # all frames of the window

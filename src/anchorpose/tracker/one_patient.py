@@ -21,12 +21,11 @@ from anchorpose.tracker.sighting import see_people_apart
 # m; a pixel farther than this from the predicted skin counts as off the skin; an arm moves at most this far between two
 # frames
 OFF_SKIN_M: Final = 0.2
-# minimum share of pixels on the patient's predicted skin. A found person with little surface, at least this share of it
-# on the predicted skin, counts as a part of the patient that the learnt descriptor mistook for a separate person
+# minimum share of a found person's pixels that must lie on the patient's predicted skin for a person with little
+# surface to count as a part of the patient, which the learnt descriptor mistook for a separate person
 OWN_SHARE: Final = 0.5
-# minimum share of pixels on the patient's predicted skin. If at least this share of each found person lies on the
-# patient's predicted skin, the found people are a single person. A body that was fitted to two people by mistake covers
-# only about half of each person
+# minimum share of each found person's pixels that must lie on the patient's predicted skin for all found people to
+# count as a single person. A body that was fitted to two people by mistake covers only about half of each person
 ONE_BODY_SHARE: Final = 0.75
 
 

@@ -43,8 +43,9 @@ from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 # a patient is in view if at least this share of the joints is inside a camera's image
 IN_VIEW: Final = 0.25
-# m, half a forearm's width. Each frame is observed (labelled and meshed) with a predicted place of the patient. If a
-# later prediction for this frame differs by more than this constant, the frame is observed again
+# m, half a forearm's width: maximum difference between the patient's predicted place with which a frame was observed
+# (labelled and meshed), and a later prediction of this place. If the difference of the predicted places is larger, the
+# frame is observed again
 SEE_AGAIN_M: Final = 0.03
 
 

@@ -32,11 +32,12 @@ SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 # two limits of the share of the people's surface that a camera sees past; a share above the first limit causes a note,
 # a share above the second limit a refusal of the recording
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
-# blurs depth edges. If a camera sees past more than this share of the room, the recording is refused. The limit is
-# higher than MUCH_OF_ROOM, since the people's surface cannot confirm that a camera pose is wrong
+# limit of the share of the room that a camera may see past, used if the share of the people's surface is unknown, for
+# example because a camera blurs depth edges. If a camera sees past more than this share of the room, the recording is
+# refused. The limit is higher than MUCH_OF_ROOM, since the people's surface cannot confirm that a camera pose is wrong
 ROOM_ALONE: Final = 0.6
-# m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+# m; a camera sees past a surface if its reading is farther behind the surface than this. Camera poses that are wrong by
+# 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
 LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
 POINTS: Final = 20000  # number of points of one camera's room that are compared

@@ -49,7 +49,8 @@ from anchorpose.tracker.sighting import TWO_PEOPLE_M
 # m, assumed error of the place of a bystander's trunk, since the rough body has average proportions; half the depth of
 # a chest
 ROUGH_SIGMA_M: Final = 0.1
-# deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
+# sigmas; up to this deviation from the expected place, the cost of a movement grows with the square of the deviation.
+# The cost of larger deviations grows linearly, since people stumble
 USUAL: Final = 3.0
 # nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. The cost
 # of a bystander's movement is limited to the same value; the cost of the assumption that the patient is hidden is

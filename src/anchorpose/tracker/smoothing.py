@@ -30,11 +30,11 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; a limb is averaged over both passes if their places for each of the limb's joints are closer
+# m, the width of a wrist; a limb is averaged over both passes if the two places of each joint of the limb are closer
 # together than this
 APART_M: Final = 0.06
 # m, half a shoulder breadth; if the trunks of both passes are farther apart than this, all limbs are taken from the
-# pass whose trunk is used
+# pass that gives the trunk
 TRUNK_APART_M: Final = 0.15
 # cost of taking a limb from a pass in a frame, for each joint of the limb that is hidden in this pass; a seen joint
 # costs 0
