@@ -84,9 +84,9 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _steady(heading_rad: np.ndarray) -> np.ndarray:
-    """Return headings (t,) without jumps. If a person rolls over on the side, the line between the shoulders turns
-    vertical and the heading jumps by half a turn. Such a jump is removed, since nobody turns so far from one frame to
-    the next. NaN stays NaN.
+    """Return the trunk's headings (t,) without jumps by half a turn. If a person rolls over on the side, the line
+    between the shoulders turns vertical and the heading jumps by half a turn. Such a jump is removed, since nobody
+    turns so far from one frame to the next. NaN stays NaN.
     """
     steady, known = heading_rad.copy(), np.isfinite(heading_rad)
     steady[known] = np.unwrap(heading_rad[known], period=np.pi)
@@ -188,8 +188,8 @@ def _principal(poses: np.ndarray) -> np.ndarray:
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of all runs. A run is a clip at a certain speed: (first row, rows per frame, number of
-    frames).
+    """List the sub-lists of all runs; a run is a clip at a certain speed. runs: for each run, its first row, its rows
+    per frame, and its number of frames.
     """
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0

@@ -129,8 +129,8 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert the sub-list w into the list of the best if its cost is low enough; return the number of sub-lists in the
-    list.
+    """Insert the sub-list w into ``best``, the list of the cheapest sub-lists, if its cost ``total`` is low enough;
+    return the number of sub-lists in the list.
     """
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
@@ -258,7 +258,7 @@ class MotionConfig:
 
     @property
     def uses_database(self) -> bool:
-        """Return whether reference movements are needed."""
+        """Return whether the prediction rule needs reference movements."""
         return self.rule in (MotionRule.BLEND, MotionRule.BEST_SUBLIST)
 
     @property
@@ -396,9 +396,9 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust in the matches, 0 to 1. Two predictions of the newest pose are made from ``checked`` frames
-    before, by velocity and by the matches. The trust is the squared error by velocity, divided by the sum of both
-    squared errors.
+    """Return the trust in the matches (similar sub-lists), 0 to 1. Two predictions of the newest pose are made from
+    ``checked`` frames before, by velocity and by the matches. The trust is the squared error by velocity, divided by
+    the sum of both squared errors.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))

@@ -104,7 +104,7 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """Match every source node under every subset of anchors.
+    """Match every source node with a node of the target frame, separately for every subset of the anchors.
 
     For a source node v, psi(v) is the set of target nodes with a similar descriptor: the Euclidean distance between
     both descriptors, over the anchors of the subset, is below ``error_bound``. The match is the node of psi closest to
@@ -174,7 +174,7 @@ class Matcher:
         return self.match[nodes]
 
     def all(self) -> Hypotheses:
-        """Return the hypotheses of every node."""
+        """Return the hypotheses (possible matches) of every node."""
         return Hypotheses(self.ask(np.arange(len(self.match))), self.subsets)
 
 

@@ -82,9 +82,9 @@ def match_all(
 ) -> np.ndarray:
     """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
-    source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough: result of ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that the
-    target nodes in these voxels are copied only once.
+    source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate (limit on the difference of
+    two nodes' distances); subsets (s, n_s) int64; enough: result of ``hold_subset``. Nodes whose balls touch the same
+    voxels are processed together, so that the target nodes in these voxels are copied only once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m

@@ -42,8 +42,8 @@ ALIKE: Final = 0.5
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> None:
-    """Fit a motion to the pairs of each part that has enough pairs; this motion replaces the predicted motion in
-    transforms (k, 4, 4).
+    """Fit a motion to the pairs (skin point, place in the next frame) of each body part that has enough pairs; this
+    motion replaces the predicted motion in transforms (k, 4, 4).
 
     skin_m, matched_m (n, 3) float64, metres: the skin point of each pair, and its place in the next frame. robust:
     whether pairs are weighted by their residuals (first by the residuals after the predicted motion), so that

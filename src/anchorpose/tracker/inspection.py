@@ -106,7 +106,7 @@ def position_of(recording: Recording, frame: int) -> int:
 def inspect_frame(
     recording: Recording, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Return the results of all stages for the frame with this number.
+    """Return the results of all stages for the frame with the number ``frame``.
 
     as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. Learning and following
     take as long as ``track`` does, and give exactly the joints of ``track``. If ``as_tracked`` is False, tracking

@@ -369,7 +369,9 @@ def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, r
 
 
 def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
-    """Learn from the first window. The user's statements on the patient are ignored if the images contradict them."""
+    """Learn the patient's shape from the first window of frames. The user's statements on the patient are ignored if
+    the images contradict them.
+    """
     subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 

@@ -1,4 +1,6 @@
-"""Hold the values of one frame: where the patient was expected, person labels, surface, anchors, evidence."""
+"""Hold the values of one frame: where the patient was expected, person labels, surface, anchors, and the data to which
+the body is registered (evidence).
+"""
 
 from __future__ import annotations
 

@@ -81,8 +81,9 @@ def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW
     """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
     that are found from people more precise, so clocks and poses are found in turn.
 
-    Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
-    recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.
+    The clocks and the floor height of reviewed results (``review``) are used unchanged. A depth image of the empty room
+    that does not fit the recording is not used, and a note of the calibration states this. Raises InputError if a pose
+    cannot be found.
     """
     recording, notes = _without_outdated_rooms(recording, config)
     settled = _settled_in_turn(recording, config, review)

@@ -187,8 +187,8 @@ def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -
 
 
 def _best(hypotheses: Sequence[SceneHypothesis]) -> SceneHypothesis:
-    """Return the best hypothesis. Each hypothesis has a lead over every other hypothesis (``ahead_of``); the hypothesis
-    whose smallest lead is largest is the best.
+    """Return the best of all hypotheses. Each hypothesis has a lead, possibly negative, over every other hypothesis
+    (``ahead_of``); the hypothesis whose smallest lead is largest is the best.
     """
     leads = [min((one.ahead_of(other) for other in hypotheses if other is not one), default=0.0) for one in hypotheses]
     return hypotheses[int(np.argmax(leads))]

@@ -161,7 +161,7 @@ def _as_rough(
 
 
 def _likeliest(body: Body, poses: Sequence[Pose], seen: Observation, config: TrackConfig) -> Registration:
-    """Return the most probable of some registered poses, with its belief."""
+    """Return the most probable of some registered poses, with the uncertainty of this pose."""
     found = [posterior(body, pose, vague_belief(pose), seen.evidence, config.registration) for pose in poses]
     return max(found, key=lambda one: log_probability(body, one.belief.pose, seen.evidence) if one.found else -np.inf)
 
@@ -300,7 +300,7 @@ def quality(start: Start) -> float:
 
 
 def _there(body: Body, names: Sequence[str]) -> list[int]:
-    """Return the bones of these names that the body has."""
+    """Return the bones with these names, without the bones of missing limbs."""
     asset = body.points.asset
     bones = [asset.bone(name) for name in names]
     gone = missing_points(asset, np.array(bones), body.shape.missing)

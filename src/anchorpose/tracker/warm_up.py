@@ -43,7 +43,8 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start the second process. The process ends by itself; its result is the cache of compiled kernels.
+    """Start the second process, which compiles the kernels. It ends by itself; its result is the cache of compiled
+    kernels.
 
     If the second process fails, the first process compiles the kernels itself, which only takes longer.
     """
