@@ -228,7 +228,7 @@ _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
 # mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; a file with a larger value is
-# refused, since it is not in mm
+# refused, since it is probably not in mm
 FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}

@@ -45,7 +45,7 @@ WELL: Final = 0.92
 # narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# wanted distance between the frames in which a body is tried, as a share of the span from the first to the last
+# desired distance between the frames in which a body is tried, as a share of the span from the first to the last
 # candidate frame. A candidate frame that is nearer than this to a frame in which a body was tried already scores less,
 # since it would probably fail for the same reason
 APART: Final = 0.25

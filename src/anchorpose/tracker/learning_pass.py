@@ -96,8 +96,8 @@ class LearntPatient:
         return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
 
     def where_found(self, room: Room) -> Room:
-        """Return the room after making the first frame that learning used its initial frame. This frame differs from
-        the room's initial frame if the patient could not be found in the latter.
+        """Return the room with the first frame that learning used in place of its initial frame. The two frames differ
+        if the patient could not be found in the initial frame.
         """
         initial, number = room.initial_frame, room.recording.streams[0].frame
         if initial is None or number[initial.frame] == self.frame:

@@ -24,8 +24,9 @@ OFF_SKIN_M: Final = 0.2
 # minimum share of a found person's pixels that must lie on the patient's predicted skin for a person with little
 # surface to count as a part of the patient, which the learnt descriptor mistook for a separate person
 OWN_SHARE: Final = 0.5
-# minimum share of each found person's pixels that must lie on the patient's predicted skin for all found people to
-# count as a single person. A body that was fitted to two people by mistake covers only about half of each person
+# minimum share of a person's pixels that must lie on the patient's predicted skin; if all found people with much
+# surface have at least this share, they count as a single person. A body that was fitted to two people by mistake
+# covers only about half of each person
 ONE_BODY_SHARE: Final = 0.75
 
 

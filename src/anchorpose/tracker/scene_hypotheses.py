@@ -80,9 +80,9 @@ class SceneHypothesis:
         return self.registration.found and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
 
     def ahead_of(self, other: SceneHypothesis) -> float:
-        """Return by how many nats this hypothesis is likelier than another. The difference of their ``readings`` is
-        reduced (``believed``), since errors of body shape and clothes can cause it. Such errors are assumed in all
-        parts of two bodies, since two people may be exchanged.
+        """Return by how many nats this hypothesis is likelier than another. The difference of the two hypotheses'
+        values ``readings`` is reduced (``believed``), since errors of body shape and clothes can cause it. Such errors
+        are assumed in all parts of two bodies, since two people may be exchanged.
         """
         return believed(self.readings - other.readings, 2 * PARTS) + self.movement - other.movement
 
