@@ -2,15 +2,16 @@
 writes, and from the skeletons of other trackers.
 
 A pose vector theta does not depend on where the patient stands or which way the patient faces. The vector has 21 x 3
-joint positions relative to SpineBase in the trunk's heading frame (X in the direction in which the trunk faces, Y up, Z
-to the trunk's right), then 4 numbers for the path. The first three numbers are the distances that SpineBase has
-travelled along X, Y and Z of the heading frame, summed over all frames so far; each step is measured in the heading
-frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences of these 4 numbers between
-frames have a meaning.
+joint positions relative to SpineBase (the joint at the pelvis) in the trunk's heading frame (X in the direction in
+which the trunk faces, Y up, Z to the trunk's right), then 4 numbers for the path. The first three numbers are the
+distances that SpineBase has travelled along X, Y and Z of the heading frame, summed over all frames so far; each step
+is measured in the heading frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences
+of these 4 numbers between frames have a meaning.
 
 A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section IV) has the sub-lists
-of all movements at several speeds. Its poses are never stored: a sub-list is given by a place in the recorded clips and
-a speed (frames of the clip per frame of the recording). The poses of a sub-list are interpolated on demand.
+of all movements at several speeds. The poses of D_s are not stored: two numbers describe a sub-list, the place of its
+newest pose in the clips and its speed (frames of the clip per frame of the recording). The poses of a sub-list are
+interpolated on demand.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from anchorpose.recording.writable import whole_file
 COMPARED: Final = 3 * JOINT_COUNT
 """Number of columns of a pose vector that measure how similar two poses are."""
 
-# number of successive sub-lists (short series of poses) in a segment. The search computes one lower bound for the costs
-# (differences from the patient's last poses) of all sub-lists in a segment. The larger the segments, the looser the
-# bounds, and the more sub-lists must be tested
+# number of successive sub-lists (short series of poses) in a segment. The search for similar sub-lists skips a segment
+# if a lower bound for the costs (differences from the patient's last poses) of all its sub-lists is too high. The
+# larger the segments, the looser the bounds, and the more sub-lists must be tested
 SEGMENT: Final = 4
-# number of principal components of the poses from which the lower bounds are computed; the bounds then reach nine
-# tenths of the costs
+# number of principal components of the poses from which the lower bounds of the costs are computed; with this number,
+# the bounds reach nine tenths of the costs
 COLUMNS: Final = 16
 _SAMPLES: Final = 5000  # number of poses from which the principal directions are computed
 
@@ -45,7 +46,9 @@ _RIGHT: Final = [JOINT_INDEX["HipRight"], JOINT_INDEX["ShoulderRight"]]
 
 
 class SubLists(NamedTuple):
-    """All w sub-lists; sub-lists of the same clip and speed are contiguous, in the order of time."""
+    """All w sub-lists (short series of poses); sub-lists of the same clip and speed are contiguous, in the order of
+    time.
+    """
 
     place: np.ndarray  # (w,) float64, row of ``theta`` at which the newest pose is, possibly between two rows
     stride: np.ndarray  # (w,) float64, number of rows of ``theta`` per frame of the recording
@@ -81,9 +84,9 @@ def pose_vectors(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _steady(heading_rad: np.ndarray) -> np.ndarray:
-    """Return headings (t,) without jumps. If a person rolls over on the side, the line between the shoulders turns
-    vertical and the heading jumps by half a turn. Such a jump is removed, since nobody turns so far from one frame to
-    the next. NaN stays NaN.
+    """Return the trunk's headings (t,) without jumps by half a turn. If a person rolls over on the side, the line
+    between the shoulders turns vertical and the heading jumps by half a turn. Such a jump is removed, since nobody
+    turns so far from one frame to the next. NaN stays NaN.
     """
     steady, known = heading_rad.copy(), np.isfinite(heading_rad)
     steady[known] = np.unwrap(heading_rad[known], period=np.pi)
@@ -129,8 +132,8 @@ def build_database(
     history: int,
     past: int,
 ) -> MotionDatabase:
-    """Build the set D_s of sub-lists for a recording of ``at_hz`` frames per second from clips, (n_i, d) each, with the
-    rates ``rate_hz``.
+    """Build the set D_s of sub-lists (short series of poses) from clips of pose vectors, (n_i, d) each, for a recording
+    of ``at_hz`` frames per second. rate_hz: frames per second of each clip.
 
     compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
     sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -
@@ -155,7 +158,9 @@ def build_database(
 
 
 def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return the rows (..., d) of ``theta`` at fractional places (...), interpolated linearly."""
+    """Return the rows (..., d) of ``theta`` with the row numbers ``place`` (...); a row number with a fraction is
+    interpolated linearly between two rows.
+    """
     low = place.astype(np.int64)
     share = (place - low)[..., None].astype(np.float32)
     return theta[low] * (1.0 - share) + theta[np.minimum(low + 1, len(theta) - 1)] * share
@@ -163,7 +168,8 @@ def poses_at(theta: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 def summarise(turned: np.ndarray, place: np.ndarray, stride: np.ndarray, history: int) -> np.ndarray:
     """Return, for each of w runs of ``history`` successive poses, the mean pose and the displacement from the oldest to
-    the newest pose: (w, 2, COLUMNS) float32. Only the first ``COLUMNS`` columns of ``turned`` are used.
+    the newest pose: (w, 2, COLUMNS) float32. turned: poses along their principal directions, as in ``MotionDatabase``;
+    only the first ``COLUMNS`` columns are used.
     """
     leading = turned[:, :COLUMNS].astype(np.float32)
     total = poses_at(leading, place)
@@ -182,8 +188,8 @@ def _principal(poses: np.ndarray) -> np.ndarray:
 
 
 def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: int, past: int) -> SubLists:
-    """List the sub-lists of all runs. A run is a clip at a certain speed: (first row, rows per frame, number of
-    frames).
+    """List the sub-lists of all runs; a run is a clip at a certain speed. runs: for each run, its first row, its rows
+    per frame, and its number of frames.
     """
     place, stride, followed, segment = [], [], [], [np.zeros(1, dtype=np.int64)]
     listed = 0
@@ -201,7 +207,9 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
 
 
 def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre and radius of each segment, as in ``SubLists``."""
+    """Return, for each segment of sub-lists, the mean of its summaries and the maximum distances from this mean, as in
+    ``SubLists``.
+    """
     size = np.diff(segment)
     centre = (np.add.reduceat(summary, segment[:-1], axis=0) / size[:, None, None]).astype(np.float32)
     away = np.linalg.norm(summary - np.repeat(centre, size, axis=0), axis=2)
@@ -219,7 +227,8 @@ _SKELETON_ARRAYS: Final = ("joints_mm", "offsets", "names", "joint_names", "rate
 _SKELETON_REMEDY: Final = (
     "give joints_mm (frames, joints, 3) with Y up, offsets (clips + 1), names (clips) and joint_names (joints)"
 )
-# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; a larger value is not in mm
+# mm, maximum coordinate of a joint relative to the first joint in the clip's first frame; a file with a larger value is
+# refused, since it is probably not in mm
 FARTHEST_MM: Final = 10_000
 
 _TRUNK: Final = {"SpineBase": "Waist", "SpineMid": "Spine", "SpineShoulder": "Chest"}
@@ -273,7 +282,9 @@ def join_clips(parts: Sequence[ReferenceClips]) -> ReferenceClips:
 
 
 def write_motions(path: Path, clips: ReferenceClips) -> None:
-    """Write the clips in mm, each beginning at the origin; ``path`` is either completely written or unchanged."""
+    """Write the clips in mm, each shifted so that SpineBase begins at the origin; ``path`` is either completely written
+    or unchanged.
+    """
     root = JOINT_INDEX["SpineBase"]
     millimetres = [np.rint(1000.0 * (clip - clip[0, root])).astype(np.int16) for clip in clips.joints_m]
     with whole_file(path) as partial, partial.open("wb") as stream:
@@ -312,8 +323,8 @@ def read_skeletons(path: Path, rate_hz: float | None) -> ReferenceClips:
     """Read the clips of a skeleton file and convert them to the 21 joints in ``JOINT_NAMES``.
 
     rate_hz: frames per second, if the file has no ``rate_hz``. A joint of the file is found by its name in
-    ``JOINT_NAMES``, or by the name of the bone that begins at the joint. Hands and neck may be derived from other
-    joints; a note then states this. Raises InputError if a joint is missing or the file is not valid.
+    ``JOINT_NAMES``, or by the name of the bone that begins at the joint. Hands or neck that the file lacks are derived
+    from other joints; a note then names them. Raises InputError if a joint is missing or the file is not valid.
     """
     arrays = read_arrays(path, _SKELETON_ARRAYS, _SKELETON_REMEDY)
     missing = [name for name in _SKELETON_ARRAYS[:-1] if name not in arrays]
@@ -352,8 +363,8 @@ def _in_our_joints(path: Path, joints: np.ndarray, columns: list[str]) -> tuple[
     """
     found: dict[str, np.ndarray] = {}
     for name in JOINT_NAMES:
-        # the names of this project and of UI-PRMD agree for Neck and Head; UI-PRMD's LHand is the bone that begins at
-        # the wrist
+        # a file may name a joint as this project does, or by the bone that begins at the joint, as the data set UI-PRMD
+        # does: its LHand is the left wrist; Neck and Head have the same names in both
         for known in (name, BONE_BEGINNING_AT.get(name)):
             if known in columns and name not in found:
                 found[name] = joints[:, columns.index(known)]

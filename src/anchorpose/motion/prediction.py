@@ -29,17 +29,20 @@ from anchorpose.motion.database import (
 )
 from anchorpose.settings import Count, NotNegative, Positive, settings
 
-# number of segments (groups of sub-lists) that are searched first, to get a first limit of the cost above which other
-# segments are skipped
+# number of segments (groups of sub-lists) that are searched first; the costs found there become the limit above which
+# other segments are skipped
 _SEEDS: Final = 16
-# factor on lower bounds, and metres that are subtracted from lower bounds, since single precision may round a bound up
+# factor on lower bounds, and metres (``_SLACK_M``) that are subtracted from lower bounds, since single precision may
+# round a bound up
 _ROUNDED: Final = np.float32(0.9999)
 _SLACK_M: Final = np.float32(1e-5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
-    """The sub-lists that are most similar to the last poses, the best first."""
+    """The sub-lists (short series of poses in reference movements) that are most similar to the patient's last poses,
+    the best first.
+    """
 
     place: np.ndarray  # (m,) database row of the newest pose, as in ``SubLists``
     stride: np.ndarray  # (m,) database rows per frame of the recording
@@ -55,18 +58,20 @@ class Matches:
 def best_sublists(
     history: np.ndarray, database: MotionDatabase, steps: int, count: int, displacement_weight: float
 ) -> Matches | None:
-    """Return the ``count`` sub-lists most similar to the last poses; None if no column of these poses is known or no
-    clip is long enough.
+    """Return the ``count`` sub-lists most similar to the last poses; None if every column of these poses has a missing
+    value, or if no clip is long enough.
 
-    The cost of a sub-list has two terms. The first term is the paper's sum over v of ed(theta^(t-v), theta_s^(j-v)),
-    the Euclidean distances between the last k poses and the k poses of the sub-list. The second term is
-    ``displacement_weight * k`` times the distance between the two displacements (newest pose minus oldest pose). The
-    displacements are included, since the same pose occurs in movements of any direction and speed. history (k, d): the
-    newest pose last. Only sub-lists that are followed by ``steps`` more frames are used. Sub-lists are skipped if a
-    lower bound of their cost exceeds the costs of the best ``count`` sub-lists so far. The result is still exact: the
-    sum of k distances between poses is at least k times the distance between the mean poses, and omitted columns only
-    lower this bound. Among sub-lists with equal costs, the earlier sub-list is taken. A column with a missing value
-    anywhere in the history is not compared; every sub-list is then tested.
+    The cost of a sub-list has two terms. The first term is the sum of k Euclidean distances, each between one of the
+    patient's last k poses and the corresponding pose of the sub-list (in the paper: the sum over v of ed(theta^(t-v),
+    theta_s^(j-v))). The second term is ``displacement_weight * k`` times the distance between the two displacements
+    (newest pose minus oldest pose). The second term is needed, since the same pose occurs in movements of any direction
+    and speed. history (k, d): the patient's last k poses, the newest last. Only sub-lists that are followed by
+    ``steps`` more frames are used. Sub-lists are skipped if a lower bound of their cost exceeds the costs of the best
+    ``count`` sub-lists so far. The result is still exact, since a lower bound never exceeds the cost: the sum of k
+    distances between poses is at least k times the distance between the two mean poses, and leaving out columns can
+    only reduce this distance. Among sub-lists with equal costs, the earlier sub-list is taken. A column of the pose
+    vectors that has a missing value anywhere in ``history`` is not compared; the lower bounds cannot be used then, so
+    every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -124,8 +129,8 @@ def _rank(
 
 @njit(cache=True)
 def _insert(best: np.ndarray, cost: np.ndarray, found: int, w: int, total: float) -> int:
-    """Insert the sub-list w into the list of the best if its cost is low enough; return the number of sub-lists in the
-    list.
+    """Insert the sub-list w into ``best``, the list of the cheapest sub-lists, if its cost ``total`` is low enough;
+    return the number of sub-lists in the list.
     """
     if found == len(best):
         if total > cost[-1] or (total == cost[-1] and w > best[-1]):
@@ -209,18 +214,18 @@ SPANS: Final = (1, 2, 4)  # numbers of frames over which the patient's velocity 
 # ratio of the velocities in two successive predicted frames; below 1, since a limb reverses its movement within a few
 # tenths of a second
 DAMPING: Final = 0.85
-# share of the velocity difference (patient minus matches) that is added to the matches' velocity. It is below 1, since
-# the difference is noisy
+# share of the velocity difference (patient minus matches) that is added to the matches' velocity. The share is below 1,
+# since the difference between the velocities of patient and matches is noisy
 OWN_VELOCITY: Final = 0.8
-# number of newest frames on which each of ``SPANS`` is tested. Each frame is predicted from the frames before; the
-# errors of these predictions (of about 60 columns) determine the span's weight
+# number of newest frames on which each of ``SPANS`` is tested. Each frame is predicted from the frames before it; the
+# squared errors of these predictions, summed over about 60 columns of the pose vector, determine the span's weight
 _CHECKED_STEPS: Final = 6
 # a span's weight is 1 / (squared error to this power), so a squared error that is larger by a fifth halves the weight
 _SHARPNESS: Final = 4
 
 
 class MotionRule(StrEnum):
-    """The rule by which the next poses are predicted."""
+    """The rule by which the patient's next poses are predicted."""
 
     BLEND = "blend"  # several similar sub-lists and the patient's own velocity, weighted by their reliability
     # the paper's rule: the last pose plus the change of pose that follows the most similar sub-list
@@ -231,9 +236,10 @@ class MotionRule(StrEnum):
 
 @settings
 class MotionConfig:
-    """Settings of how movements are compared and continued. The module ``motion.database`` describes pose vectors.
+    """Settings of how the patient's movement is compared with reference movements, and how it is continued. The module
+    ``motion.database`` describes pose vectors.
 
-    The numbers were chosen on four subjects of UI-PRMD, each left out in turn (docs/tracking.md).
+    The default values were chosen on four people of the data set UI-PRMD, each left out in turn (docs/tracking.md).
     """
 
     rule: MotionRule = MotionRule.BLEND
@@ -242,15 +248,17 @@ class MotionConfig:
     # factors on the speed of reference movements, in steps of half an octave (a factor of 1.41)
     speeds: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.71, 1.0, 1.41, 2.0)
     displacement_weight: NotNegative = 4.0  # weight of the displacement over the history; 0 = the paper's equation
-    # number of similar sub-lists that are averaged; a single sub-list would add its noise, and 64 are not better
+    # number of similar sub-lists that are averaged; with a single sub-list, its noise would reach the prediction, and
+    # 64 sub-lists are not better than 32
     neighbours: Count = 32
-    # number of frames; the predictions by matches and by velocity are weighted by how well each of them, made this many
-    # frames before the newest frame, predicts the newest pose
+    # number of frames before the newest pose at which two test predictions of the newest pose start: by the matches,
+    # and by the patient's velocity. The better its test prediction, the more weight each of the two methods (matches,
+    # velocity) gets
     checked: Count = 7
 
     @property
     def uses_database(self) -> bool:
-        """Return whether reference movements are needed."""
+        """Return whether the prediction rule needs reference movements."""
         return self.rule in (MotionRule.BLEND, MotionRule.BEST_SUBLIST)
 
     @property
@@ -260,11 +268,13 @@ class MotionConfig:
 
 
 class PredictionSource(StrEnum):
-    """The source of a prediction."""
+    """The data from which the next poses are predicted: reference movements, the patient's own velocity, or only the
+    last pose.
+    """
 
     DATABASE = "database"
-    # by the patient's own velocity: the rule uses no reference movements, the history is too short, or no similar
-    # movement was found
+    # the patient's own velocity is continued, since the rule uses no reference movements, the history is too short, or
+    # no similar movement was found
     OWN_VELOCITY = "own_velocity"
     STANDSTILL = "standstill"  # the last pose is repeated: the velocity is unknown, or the rule asks for it
 
@@ -296,8 +306,8 @@ def joint_database(
 
 
 def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDatabase | None:
-    """Read the database for a recording of ``at_hz``; return None if the rule needs no database. Raises InputError if
-    the file cannot be used.
+    """Read a file of reference movements and build the database for a recording of ``at_hz`` frames per second; return
+    None if the prediction rule (``config.rule``) needs no database. Raises InputError if the file cannot be used.
     """
     if not config.uses_database:
         return None
@@ -311,7 +321,9 @@ def load_motions(path: Path, at_hz: float, config: MotionConfig) -> MotionDataba
 def reference_motions(
     clips: Sequence[np.ndarray], rate_hz: Sequence[float], at_hz: float, compared: int, config: MotionConfig
 ) -> MotionDatabase:
-    """Build the database for a recording of ``at_hz`` from clips of pose vectors (n_i, d); rate_hz: one per clip."""
+    """Build the database for a recording of ``at_hz`` frames per second from clips of pose vectors (n_i, d). rate_hz:
+    frames per second of each clip.
+    """
     return build_database(clips, rate_hz, at_hz, compared, config.speeds, config.history, config.past)
 
 
@@ -330,13 +342,14 @@ def predict(
 ) -> Prediction:
     """Predict the next ``steps`` poses after ``history`` (k, d), newest last. Raises ValueError on an empty history.
 
-    compared: number of leading columns of a pose vector that count in a prediction's error, as in ``MotionDatabase``.
-    The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j, where theta_s^j is the newest pose of the
-    best sub-list s, and h counts the frames after it. Our rule takes the mean change theta_s^(j+h) - theta_s^j of
-    several sub-lists and adds most of the difference between the patient's velocity and the sub-lists' velocity. The
-    result is mixed with a prediction by the patient's velocity alone. The weights follow from the squared errors that
-    both predictions of the newest pose would have had if they had been made ``checked`` frames ago. So a movement that
-    the database does not contain is predicted by its velocity.
+    compared: number of leading columns of a pose vector on which predictions are tested, as in ``MotionDatabase``; the
+    other columns (the path) are only predicted. The paper's rule is theta^(t+h) = theta^t + theta_s^(j+h) - theta_s^j,
+    where theta^t is the patient's newest pose, theta_s^j is the newest pose of the best sub-list s, and h counts the
+    frames after these poses. Our rule takes the mean change theta_s^(j+h) - theta_s^j of several sub-lists and adds
+    most of the difference between the patient's velocity and the sub-lists' velocity. The result is mixed with a
+    prediction by the patient's velocity alone. The weights follow from the squared errors that both predictions of the
+    newest pose would have had if they had been made ``checked`` frames ago. So a movement that the database does not
+    contain is predicted by its velocity.
     """
     if not len(history):
         raise ValueError("a prediction needs at least one pose")
@@ -364,8 +377,8 @@ def _similar(history: np.ndarray, steps: int, database: MotionDatabase, config: 
 def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
-    """Return the mean of the prediction by the matches and the prediction by the patient's own velocity, weighted by
-    trust.
+    """Return the weighted mean of two predictions: by the matches (similar sub-lists), and by the patient's own
+    velocity. The weight of the matches is their trust (``_trust``).
     """
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
@@ -383,9 +396,9 @@ def _blend(
 
 
 def _trust(history: np.ndarray, matched: np.ndarray, shares: np.ndarray, compared: int, checked: int) -> float:
-    """Return the trust in the matches, 0 to 1. Two predictions of the newest pose are made from ``checked`` frames
-    before, by velocity and by the matches. The trust is the squared error by velocity, divided by the sum of both
-    squared errors.
+    """Return the trust in the matches (similar sub-lists), 0 to 1. Two predictions of the newest pose are made from
+    ``checked`` frames before, by velocity and by the matches. The trust is the squared error by velocity, divided by
+    the sum of both squared errors.
     """
     back = min(checked, len(history) - 2)
     known = np.flatnonzero(np.isfinite(history[:, :compared]).all(axis=0))
@@ -404,7 +417,8 @@ def _travelled(steps: int) -> np.ndarray:
 
 
 def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
-    """Return the weight (s,) float64, sum 1, of the velocity over each span (frames, rising).
+    """Return, for each span (number of frames), the weight (s,) float64 of the velocity that is measured over this
+    span; the weights add up to 1. spans: in rising order.
 
     The velocity over a short span follows the movement quickly; the velocity over a long span averages out noise. The
     weights follow from how well the velocity over each span would have predicted the newest frames from earlier frames,

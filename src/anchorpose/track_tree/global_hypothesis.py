@@ -1,5 +1,6 @@
-"""Match surface nodes of a frame with nodes of the next frame, by the best branches of a track tree. The tree covers
-two to four frames. Make constraints on the pose from the matches (paper, Section IV).
+"""Match nodes of the patient's surface with nodes of the next frame, by the best branches of a track tree. The tree
+holds the possible matches of each node over two to four frames. The best matches become constraints on the body's pose
+(paper, Section IV).
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ class GlobalHypothesis:
 
 
 class SeenFrame(Protocol):
-    """A frame with the data that the track tree needs. descriptor (n, 5): the distances of each node of the surface to
-    the anchors, as in ``anchor_descriptor``.
+    """A frame with the data that the track tree needs. descriptor (n, 5): the geodesic distances from each node of the
+    surface to the five anchors (head, hands and feet), as in ``anchor_descriptor``.
     """
 
     @property
@@ -65,11 +66,12 @@ class SeenFrame(Protocol):
 
 
 def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: GateConfig) -> Matcher:
-    """Return the matcher from a frame's nodes to nodes of the next frame: one column per subset of the anchors that
-    were found in both frames.
+    """Return the matcher that finds, for each node of a frame, its possible matches in the next frame: one column per
+    subset of the anchors (head, hands and feet) that were found in both frames.
 
     Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, the only subset
-    has all found anchors; without anchors, the matcher has no columns.
+    has all found anchors; without anchors, the matcher has no columns. With ``Feature.POSITION``, the only column has
+    the nearest node.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)
@@ -137,14 +139,16 @@ def carried(body: Body, pose: Pose, predicted: Sequence[Pose], nodes_m: np.ndarr
 
 
 def part_motion(T_world_rest_now: np.ndarray, T_world_rest_next: np.ndarray) -> np.ndarray:
-    """Return the motion tau^(t,t+1) of every body part between two frames: (b, 4, 4) T_next_now."""
+    """Return the motion of every body part between two frames (tau^(t,t+1) in the paper): (b, 4, 4) T_next_now."""
     return T_world_rest_next @ np.linalg.inv(T_world_rest_now)
 
 
 def held_by(
     body: Body, pose: Pose, predicted: Pose, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame]
 ) -> Constraints:
-    """Return constraints on the body in the window's second frame, from the track tree's pairs and the anchors."""
+    """Return constraints on the body in the window's second frame, from the pairs of nodes that the track tree matched,
+    and from the anchors (head, hands and feet).
+    """
     now = pose_points(body, pose)
     pairs = pairs_of(now, hypothesis, window, part_motion(now.transforms, body.transforms(predicted)))
     return join([pairs, anchor_constraints(body.points, window[1].anchors, ANCHOR_SIGMA_M)])
@@ -153,8 +157,9 @@ def held_by(
 def pairs_of(
     now: PosedPoints, hypothesis: GlobalHypothesis, window: Sequence[SeenFrame], T_next_now: np.ndarray
 ) -> Constraints:
-    """Return a constraint per pair (node and match). It pulls the skin point beside the node to the place of the node's
-    match, shifted by the offset from the node to the skin point.
+    """Return a constraint per pair (node and match). Each node lies near a skin point of the body, at a small offset.
+    The constraint pulls this skin point to the place of the node's match plus this offset, which turns with the body
+    part.
     """
     found = np.isfinite(hypothesis.matched_m).all(axis=1)
     point, part = hypothesis.point[found], hypothesis.part[found]
@@ -169,7 +174,8 @@ def skin_places(
     """Return (m, 3) the target of the skin point beside each node: the place of the node's match, shifted along the
     skin by the offset from the node to the skin point. The target is NaN if the node's match is missed.
 
-    The offset perpendicular to the skin is not kept, so a body that has drifted off the surface is pulled back.
+    Only the offset along the skin is kept, not the offset perpendicular to the skin, so a body that has drifted off the
+    seen surface is pulled back to it.
     """
     skin, normals = now.points_m[hypothesis.point], now.normals[hypothesis.point]
     beside = skin - window[0].surface.points_m[hypothesis.node]
@@ -186,8 +192,8 @@ def joints_by_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Return the joints (21, 3) in the second frame, by the rule J (``joints_of_parts``), after every part was
-    registered by the paper's ICP.
+    """Register every body part separately, as in the paper, and return the joints (21, 3) in the second frame. A joint
+    is the mean of its places on the parts that it joins (the paper's rule J, ``joints_of_parts``).
 
     The motion of each part is fitted to the ``skin_places`` of its skin points, and refined by ICP (iterative closest
     point) to the surface. Parts with too few matches and nodes keep their predicted motion.

@@ -1,8 +1,8 @@
-"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Section IV,
-track tree construction).
+"""Make hypotheses on where each node is in the next frame, one hypothesis per subset of the anchors (paper, Track Tree
+Construction).
 
-The gate limits the difference between the descriptors of one skin point in two frames (paper, error analysis, Section
-V). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
+The gate is the largest accepted difference between the descriptors of one skin point in two frames (paper, Error
+Analysis). The descriptor of a node is the list of its geodesic distances to the anchors (head, hands and feet).
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class HypothesisConfig:
     # hypothesis
     subset_size: Count = 3
     # whether matches of nodes between frames constrain the registration of the whole body in every frame; False = they
-    # are not used for it. The paper's method (``Method.PARTS``) uses matches in any case
+    # are not used for it. The paper's method (``Method.PARTS``) uses the matches whether ``always`` is set or not
     always: bool = False
-    # whether distances that are lengthened by a hole in the surface are left out; False = they are kept, as in the
-    # paper, which relies on the subsets of anchors whose distances are not lengthened
+    # whether a node's distances to anchors are left out if a hole in the surface lengthens them; False = they are kept,
+    # as in the paper, where the track tree has to choose subsets of anchors with correct distances
     trusted_only: bool = True
 
 
@@ -51,8 +51,8 @@ class GateConfig:
     (e_1) and surface noise (e_2) can cause.
     """
 
-    # e_1, m, for anchor jitter. With both terms, the gate is 3 cm at 1 m from an anchor; the 5 cm of the paper made
-    # matches worse by a quarter
+    # e_1, m, for anchor jitter. With both terms, the gate (largest accepted change of a descriptor) is 3 cm at 1 m from
+    # an anchor; the paper's 5 cm made the matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
     # e_2, m per m of path to the anchor, for the noise of geodesic distances that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
@@ -62,17 +62,20 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """For each source node, one possible match per subset of the anchors. A missed match is a value, not an error."""
+    """For each node of a frame, one possible match in the next frame per subset of the anchors. A node without a match
+    has the value -1, which is not an error.
+    """
 
     match: np.ndarray  # (m, s) int32, node of the next surface, -1 = no node within the gate
     subsets: np.ndarray  # (s, n_s) int, indices of the anchors in each subset
 
 
 def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
-    """Return S_A,m: all subsets with ``size`` of the found anchors, as rows of anchor indices in ascending order.
+    """Return all subsets of ``size`` found anchors (S_A,m in the paper), as rows of anchor indices in ascending order.
 
-    found (5,) bool: anchors found in both frames. Return an int64 array (C(N_A, size), size). If fewer anchors than
-    ``size`` were found, the only subset has all found anchors; without anchors, the result is a (0, size) array.
+    found (5,) bool: whether each anchor (head, hands and feet) was found in both frames. Return an int64 array (C(N_A,
+    size), size). If fewer anchors than ``size`` were found, the only subset has all found anchors; without anchors, the
+    result is a (0, size) array.
     """
     if size < 1:
         raise ValueError(f"size must be at least 1, got {size}")
@@ -83,11 +86,11 @@ def anchor_subsets(found: np.ndarray, size: int = 3) -> np.ndarray:
 
 
 def error_bound(descriptor: np.ndarray, subsets: np.ndarray, config: GateConfig) -> np.ndarray:
-    """Return e_max (m, s) float32 in metres for every node and subset of anchors (paper, Section V).
+    """Return the gate e_max (m, s) float32 in metres for every node and subset of anchors (paper, Error Analysis).
 
-    descriptor (m, 5) metres; subsets (s, n_s) of anchor indices. The bound is linear in the mean distance to a subset's
-    anchors. The bound is NaN if a distance is missing, and inf if an anchor is unreachable: an unknown distance has no
-    bound.
+    descriptor (m, 5): distances to the anchors in metres; subsets (s, n_s): anchor indices of each subset. The bound is
+    linear in the mean distance to a subset's anchors. The bound is NaN if a distance is missing, and inf if no path on
+    the surface leads to an anchor; the node then has no match under this subset.
     """
     distance = np.asarray(descriptor, dtype=np.float32)[:, subsets].mean(axis=2)
     return config.anchor_bound_m + config.surface_bound_per_m * distance
@@ -101,7 +104,7 @@ def match_hypotheses(
     predicted_m: np.ndarray | None = None,
     config: GateConfig | None = None,
 ) -> Hypotheses:
-    """Match every source node under every subset of anchors.
+    """Match every source node with a node of the target frame, separately for every subset of the anchors.
 
     For a source node v, psi(v) is the set of target nodes with a similar descriptor: the Euclidean distance between
     both descriptors, over the anchors of the subset, is below ``error_bound``. The match is the node of psi closest to
@@ -109,8 +112,8 @@ def match_hypotheses(
     (missed anchor) and inf (unreachable) are never within the gate. subsets (s, n_s): from ``anchor_subsets``.
     predicted_m (m, 3) world: the expected place of each source node in the target frame; psi is then searched within
     ``search_radius_m`` of it, and a node whose prediction is NaN has no match. Without predictions psi is searched on
-    the whole surface, as in the paper, which is about four times slower. Source: the paper, Section IV (error analysis)
-    and Section V (track tree construction).
+    the whole surface, as in the paper, which is about four times slower. Source: the paper, Error Analysis and Track
+    Tree Construction.
     """
     config = config or GateConfig()
     _refuse_mismatch(source_descriptor, target_surface, target_descriptor, subsets, predicted_m)
@@ -134,7 +137,7 @@ def nearest_hypotheses(source: Surface, target: Surface, config: GateConfig) -> 
     """Match each source node with the nearest target node within ``search_radius_m``; without such a node, the match is
     missed.
 
-    No anchors are used, so the only subset is empty.
+    Anchors are not used, so the result has a single column, for an empty subset of anchors.
     """
     match = np.full((len(source), 1), -1, np.int32)
     if len(source) and len(target):
@@ -171,7 +174,7 @@ class Matcher:
         return self.match[nodes]
 
     def all(self) -> Hypotheses:
-        """Return the hypotheses of every node."""
+        """Return the hypotheses (possible matches) of every node."""
         return Hypotheses(self.ask(np.arange(len(self.match))), self.subsets)
 
 

@@ -1,4 +1,6 @@
-"""Compute, in compiled code, the match of every node under every subset of anchors."""
+"""Compute, in compiled code, the match of every node in the next frame, for every subset of the anchors (head, hands
+and feet).
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,14 @@ class Balls(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory for the search of one node."""
+    """Working memory to find the matches of one node."""
 
     spots: np.ndarray  # (n,) target nodes in the ball's voxels
     distances: np.ndarray  # (5, n) distances of the nodes in ``spots`` to the anchors
     close: np.ndarray  # (n,) bit set of the anchors to which target node and source node have similar distances
     near: np.ndarray  # (n + 1,) target nodes in the ball
-    # (5, n + 1), squared difference of the distances from each anchor to a node of ``near`` and to the source node
+    # (5, n + 1), for each anchor and each node in ``near``: squared difference between this node's distance to the
+    # anchor and the source node's distance to the anchor
     offset2: np.ndarray
     psi: np.ndarray  # (n + 1,) target nodes that are within the gate of a subset
     distance2: np.ndarray  # (n,) sum of ``offset2`` over the anchors of a subset
@@ -79,9 +82,9 @@ def match_all(
 ) -> np.ndarray:
     """Return the match (m, s) int32 of each source node under each subset, -1 = none.
 
-    source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate; subsets (s, n_s) int64;
-    enough: from ``hold_subset``. Nodes whose balls touch the same voxels are processed together, so that their targets
-    are copied only once.
+    source (m, 5) float32: distances to the anchors; limit2 (m, s) float32: the squared gate (limit on the difference of
+    two nodes' distances); subsets (s, n_s) int64; enough: result of ``hold_subset``. Nodes whose balls touch the same
+    voxels are processed together, so that the target nodes in these voxels are copied only once.
     """
     match = np.full((len(source), len(subsets)), -1, np.int32)
     low, high, points = balls.low, balls.high, target.points_m
@@ -109,8 +112,8 @@ def match_all(
 
 @njit(cache=True)
 def _pick(source: np.ndarray, largest: np.float32, enough: np.ndarray, laid_out: int, scratch: Scratch) -> int:
-    """Fill ``scratch.psi`` with the indices in ``scratch.spots`` of the target nodes that may be within the gate of any
-    subset; return the number of these nodes.
+    """Find the target nodes that may be within the gate (limit on the difference of distances to anchors) of any
+    subset. Fill ``scratch.psi`` with the indices of these nodes in ``scratch.spots``; return their number.
 
     source (5,) float32: distances of the source node to the anchors; largest: the node's largest squared gate.
     """
@@ -135,7 +138,9 @@ def _scratch(count: int, anchors: int) -> Scratch:
 
 @njit(cache=True)
 def _largest(limits2: np.ndarray) -> np.float32:
-    """Return the largest finite squared gate, 0 without a finite gate."""
+    """Return the largest finite value of ``limits2``, the squared gates of a node under all subsets; 0 if no value is
+    finite.
+    """
     largest = np.float32(0.0)
     for limit2 in limits2:
         if np.isfinite(limit2):
@@ -177,7 +182,9 @@ def _compare(
 def _within(
     offset2: np.ndarray, subset: np.ndarray, limit2: np.float32, count: int, distance2: np.ndarray, psi: np.ndarray
 ) -> int:
-    """Fill psi with the nodes in the ball that are within the gate of one subset; return the number of these nodes."""
+    """Fill ``psi`` with the indices of the nodes in the ball that are within the gate of one subset of anchors; return
+    the number of these nodes.
+    """
     distance2[:count] = 0.0
     for k in subset:
         for c in range(count):

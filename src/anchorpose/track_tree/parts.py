@@ -1,7 +1,7 @@
 """Register every body part separately, by ICP (iterative closest point) from the predicted pose, as in the paper
 (Section IV).
 
-In all arrays of points, the rows of a part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
+In all arrays of points, the rows of a body part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
 (parts + 1,) int64.
 """
 
@@ -24,14 +24,14 @@ from anchorpose.surface.surface import Nodes
 # motion would follow the noise of single nodes
 LEAST_PAIRS: Final = 6
 PAIR_ROUNDS: Final = 8  # number of fits; pairs are reweighted before each fit; after five fits, little changes
-# m, minimum of the residual (distance between a pair's two places after the part's motion) at which a pair's weight is
-# halved. This residual is the median over the part's pairs, unless the median is smaller than the minimum. The value is
-# the spacing of nodes, since pairs with smaller residuals fit equally well
+# m; a pair's weight is halved at the median residual of the part's pairs (residual: distance between a pair's two
+# places after the part's motion), but never at a residual smaller than this constant. The constant is the spacing of
+# surface nodes, since pairs with smaller residuals fit equally well
 LEAST_SCALE_M: Final = 0.01
 # m, sigma of a node's distance from its part's skin, due to clothes, sensor, and errors that neighbouring nodes share
 SURFACE_SIGMA_M: Final = 0.02
-# rad and m, sigma of a part's rotation and shift in one ICP step, so that a part does not slide where no node
-# constrains it
+# rad and m, standard deviations that are assumed for a part's rotation and shift in one ICP step; they keep the part
+# from sliding where no node constrains it
 TURN_SIGMA: Final = 0.15
 SHIFT_SIGMA_M: Final = 0.02
 # minimum cosine (60 degrees) between the normals of skin point and node; it excludes the far side of a limb
@@ -42,8 +42,8 @@ ALIKE: Final = 0.5
 def fit_pairs(
     skin_m: np.ndarray, matched_m: np.ndarray, start: np.ndarray, transforms: np.ndarray, robust: bool
 ) -> None:
-    """Fit a motion to the pairs of each part that has enough pairs; this motion replaces the predicted motion in
-    transforms (k, 4, 4).
+    """Fit a motion to the pairs (skin point, place in the next frame) of each body part that has enough pairs; this
+    motion replaces the predicted motion in transforms (k, 4, 4).
 
     skin_m, matched_m (n, 3) float64, metres: the skin point of each pair, and its place in the next frame. robust:
     whether pairs are weighted by their residuals (first by the residuals after the predicted motion), so that
@@ -80,7 +80,9 @@ def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.nda
 
 @njit(cache=True)
 def _fit_rigid(source: np.ndarray, target: np.ndarray, share: np.ndarray, T: np.ndarray) -> bool:
-    """Fill T (4, 4) as ``fit_rigid_transform`` does; return False, with T unchanged, if the points are collinear."""
+    """Fill T (4, 4) with the rigid motion that best maps ``source`` onto ``target``, as ``fit_rigid_transform`` does;
+    share: each pair's weight, sum 1. Return False, with T unchanged, if the points are collinear.
+    """
     source_mean, target_mean, spread = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for row in range(len(source)):
         for axis in range(3):
@@ -162,7 +164,9 @@ def _plane(moved: Oriented, row: int, nodes: Oriented, node: int, plane: np.ndar
 
 @njit(cache=True)
 def _solve(places: np.ndarray, rows: np.ndarray, planes: np.ndarray, centre: np.ndarray, step: np.ndarray) -> None:
-    """Fill the centre (3,) of the skin points in ``rows``, and the step (6,) of the part by weighted least squares."""
+    """Fill ``centre`` (3,) with the mean of the skin points in ``rows``, and ``step`` (6,) with the rotation and
+    translation of the part that bring these points closer to their planes, by weighted least squares.
+    """
     for row in rows:
         for axis in range(3):
             centre[axis] += places[row, axis] / len(rows)
@@ -197,9 +201,9 @@ def register_parts(
     iterations: int = ITERATIONS,
     robust: bool = True,
 ) -> np.ndarray:
-    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. The paper's
-    equation for a part's motion is tau-hat = ICP(tau, phi). Return T_next_now (b, 4, 4): the motion of each bone's
-    part.
+    """Register each part, first by the matches of the global hypothesis, then to the nearest nodes by ICP. In the
+    paper's equation tau-hat = ICP(tau, phi), tau is the predicted motion of a part, phi are the matches, and tau-hat is
+    the registered motion. Return T_next_now (b, 4, 4): the motion of each bone's part.
 
     skin: n points of the body's skin in frame t; part (n,): number of each point's bone; matched_m (n, 3): each point's
     place in frame t + 1 by the track tree, NaN without a match; surface: surface of frame t + 1; T_predicted (b, 4, 4):

@@ -1,7 +1,8 @@
-"""Search the track tree of each node for the branch that is nearest to the node's predicted places (paper, Section IV).
+"""Search the track tree of each node (its possible matches over several frames) for the branch that is nearest to the
+node's predicted places (paper, Section IV).
 
-A branch is a chain of hypotheses over N_Tr frames: until it ends, it has a node in each frame, and all its nodes may
-show the same place on the skin.
+A branch is a chain of matches from frame to frame: it has one node in each of up to N_Tr frames (the depth of the
+tree), and all its nodes may show the same place on the skin.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ class TreeConfig:
 
     # m, cost of each frame without a match: twice the paper's bound on an anchor's error
     missed_cost_m: Positive = 0.10
-    # maximum number of branches visited in the tree of one node; the rest of the tree is pruned. Searches without this
-    # limit visited fewer than 50 branches for each of 3650 nodes with ten noisy subsets
+    # maximum number of branches visited in the tree of one node; the rest of the tree is pruned. The limit is rarely
+    # reached: without it, searches visited fewer than 50 branches for each of 3650 nodes with ten noisy subsets of
+    # anchors
     max_branches: Count = 200
 
 
 class Support(IntEnum):
-    """The kind of support for a node's place in the next frame."""
+    """The source of a node's place in the next frame: a match or the prediction; ``UNKNOWN`` without a place."""
 
     MATCHED = 0  # the place is a hypothesis on the best branch
     TOO_FAR = 1  # the place is the prediction, since all hypotheses are too far away from the prediction
@@ -68,8 +70,9 @@ def best_branches(
     A missed node has no children: its branch ends and costs ``missed_cost_m`` for each remaining level. A branch may
     also end, at the same cost for each remaining level, although its last node has children. The search is branch and
     bound: children are visited in order of distance, and a branch is left as soon as it costs at least as much as the
-    best branch so far. So the optimum is exact unless the tree is pruned. Among branches with equal costs, the branch
-    of the first subset is taken. Raises ValueError if the shapes do not fit or a match points outside its surface.
+    best branch so far. So the best branch is found exactly, unless the tree is pruned (``max_branches``). Among
+    branches with equal costs, the branch of the first subset is taken. Raises ValueError if the shapes do not fit or a
+    match points outside its surface.
     """
     _check(matches, positions_m, predicted_m)
     costs = [np.zeros(level.shape, np.float32) for level in matches] if costs_m is None else costs_m
@@ -88,7 +91,9 @@ def best_branches(
 
 
 def _as_wide(matches: Sequence[np.ndarray], dtype: type = np.int32) -> np.ndarray:
-    """Join all levels to (sum of n_l, largest s_l); a level with fewer subsets is padded with missed entries."""
+    """Join the arrays (n_l, s_l) of all levels l into a single array (sum of n_l, largest s_l), one level after
+    another; a level with fewer subsets is padded with -1, which means a missed match.
+    """
     wide = np.full((sum(map(len, matches)), max(level.shape[1] for level in matches)), -1, dtype=dtype)
     row = 0
     for level in matches:
@@ -155,7 +160,7 @@ def _children(
 
 
 class _Levels(NamedTuple):
-    """The matches, costs and nodes of all levels, one level after another."""
+    """The matches, costs and nodes of all levels (steps from a frame to the next), one level after another."""
 
     matches: np.ndarray  # (sum of n_l, s) int32, as in ``best_branches``
     costs_m: np.ndarray  # (sum of n_l, s) m, cost added to each match
@@ -165,7 +170,9 @@ class _Levels(NamedTuple):
 
 
 class _Branch(NamedTuple):
-    """The branch under search. Each array has one row or entry for each level."""
+    """The branch under search. Each array has one row or entry for each level of the tree (step from a frame to the
+    next).
+    """
 
     node: np.ndarray  # children of the present node, by increasing cost
     cost: np.ndarray  # m, costs of the children in ``node``, ascending
@@ -206,7 +213,9 @@ def _search(
 def _best_branch(
     levels: _Levels, branch: _Branch, predicted: np.ndarray, missed_cost: np.float32, max_branches: int
 ) -> tuple[int, np.float32]:
-    """Return the index of the best branch's first child (-1: missed), and its score."""
+    """Return the best branch as the index of its first child (-1 if the branch has no match), and the cost of the best
+    branch.
+    """
     depth = len(predicted)
     best = np.float32(depth * missed_cost)  # cost of a branch without any match
     chosen, visited, level = -1, 0, 0
@@ -233,7 +242,9 @@ def _best_branch(
 
 @njit(cache=True)
 def _open_level(levels: _Levels, branch: _Branch, level: int, row: int, target: np.ndarray) -> None:
-    """List the children of the node in a row of the matches, as in ``_children``."""
+    """List the children of a node in ``branch``, as ``_children`` does. row: the node's row in ``levels.matches``;
+    target: the predicted place of the children.
+    """
     nodes = levels.positions_m[levels.first_node[level] : levels.first_node[level + 1]]
     branch.following[level] = 0
     matches, extra = levels.matches[row], levels.costs_m[row]

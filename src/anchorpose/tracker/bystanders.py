@@ -1,5 +1,5 @@
-"""Fit a rough body to every bystander (person other than the patient) and follow this body over time. Each pixel can
-then be compared with the predicted skin of every person.
+"""Fit a rough body (a body of average shape) to every bystander (person other than the patient), and follow this body
+over time. Each pixel can then be compared with the predicted skin of every person.
 
 A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always reveal
 to whose forearm a pixel belongs, and a wrong person label persists in later frames. Fitted bodies can reveal the owner
@@ -73,15 +73,16 @@ WALKING: Final = Pace(turn_sigma=40.0 * DEGREE, root_sigma_m=0.3)
 
 TALLEST_CHILD_M: Final = 1.5  # m; a person who appears taller gets an adult's proportions, else a child's
 STATURE_STEP_M: Final = 0.05  # m; statures are rounded to this step, since a stature from one frame has this error
-# m, assumed error of a child's height; small, so that the child's body gets almost exactly the requested height
+# m, assumed error of a child's height; small, so that ``ordinary_body`` builds a child's body of almost exactly the
+# given height
 HEIGHT_SIGMA_M: Final = 0.01
 # a fitted body is used only if at least this share of the person's surface nodes lies near the body
 LEAST_EXPLAINED: Final = 0.75
 # maximum share of a trunk's skin that a camera may see past (read something farther away) before the body is rejected;
 # not 0, since rough bodies have errors of some centimetres
 MOST_TRUNK_PAST: Final = 0.25
-# maximum share of a limb's skin that a camera may see past (read something farther away). A body is rejected only if
-# two limbs exceed this share, since a single limb may be misplaced on a correct body
+# maximum share of a limb's skin that a camera may see past (read something farther away). A fitted body is rejected if
+# at least two limbs exceed this maximum, but not for a single limb, which may be misplaced on a correct body
 MOST_LIMB_PAST: Final = 0.5
 # minimum number of surface nodes to fit a body; a third of a person's front gives as many at a distance of 4 m
 LEAST_NODES: Final = 150
@@ -253,9 +254,9 @@ def _note_labels(labels: np.ndarray, there: np.ndarray) -> None:
 
 
 def person_evidence(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Evidence:
-    """Return the evidence for one person: nodes to which a body can be fitted. The person's outline is not used: a
-    large part of the outline is often the edge of an object that hides the body, not the edge of the body. If few
-    pixels show the person, a larger share of these pixels becomes nodes.
+    """Return the data to which one person's body is fitted, mainly the surface nodes of the person's pixels. The
+    person's outline is not used: a large part of the outline is often the edge of an object that hides the body, not
+    the edge of the body. If few pixels show the person, a larger share of these pixels becomes nodes.
     """
     masks = [None if view is None else view.labels == label for view in views]
     depths = [None if view is None else view.depth_m for view in views]
@@ -312,8 +313,9 @@ def rough_person(views: Sequence[View | None], cameras: Sequence[Camera], label:
     body = ordinary_body(body_points(), round(person.stature_m / STATURE_STEP_M))
     pose = find_rough_pose(body, evidence, person.matches, person.pose, ROUGHLY)
     found = posterior(body, pose, vague_belief(pose), evidence, ROUGHLY)
-    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search is not
-    # shortened: after a single round, a person who crouches would be taken for a person who faces the other way
+    # search for misplaced limbs, since the learnt descriptor may have assigned skin to a wrong limb. The search for
+    # misplaced limbs may take all its rounds: after the first round alone, a person who crouches would be taken for a
+    # person who faces the other way
     if found.found and not _is_person(body, found.belief.pose, evidence):
         found = search_limbs(body, found, vague_belief(found.belief.pose), evidence, ROUGHLY).registration
     pose = find_rough_pose(body, evidence, person.matches.turned, None, ROUGHLY)

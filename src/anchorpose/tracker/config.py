@@ -47,8 +47,8 @@ class FollowConfig:
     # number of frames read before tracking, to learn the empty room and to choose the patient; three times as many if a
     # camera has no image of the empty room
     samples: Count = 16
-    # m, maximum sigma (standard deviation) of a joint's position; a joint with a larger sigma counts as lost. The value
-    # is the length of a forearm
+    # m, maximum sigma (standard deviation) of a joint's position; a joint with a larger sigma counts as lost. The
+    # maximum sigma is the length of a forearm
     lost_sigma_m: Positive = 0.25
     # s, maximum time for which tracking goes on while no frame shows the patient; after this time, the patient is
     # searched for again
@@ -65,8 +65,8 @@ class TrackConfig:
     method: Method = Method.ARTICULATED
     start: int = 0  # position in the recording of the first frame to track
     stop: int | None = None  # position of the frame before which tracking stops; None = the end of the recording
-    # whether to track backward, too, and to combine the forward and the backward pass. Two passes take twice the time
-    # of a single pass, and a backward pass is impossible during live tracking
+    # whether to track backward, too, and to combine the forward and the backward pass. The forward and the backward
+    # pass take twice the time of a single pass, and a backward pass is impossible during live tracking
     smooth: bool = False
     height_m: float | None = None  # m, the patient's standing height; None = the height in recording.json, if any
     # m, patient's x and z on the floor; None = the patient is chosen automatically

@@ -42,7 +42,7 @@ TOO_UNCERTAIN: Final = "every joint is more uncertain than a forearm's length"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """The estimate of one frame."""
+    """The patient's pose and joints in one frame, as estimated, with their uncertainty."""
 
     frame_set: FrameSet
     observation: Observation | None  # results of earlier stages; None if no patient was found or searched for
@@ -65,7 +65,7 @@ class Estimate:
 
 
 class Earlier(NamedTuple):
-    """The values that an estimate needs from earlier frames and from learning."""
+    """The values that the estimate of a frame needs from earlier frames, and from learning the body's shape."""
 
     rivals: Sequence[Rival] = ()  # other poses that fit the images almost as well as the registered pose
     ends: frozenset[int] = frozenset()  # joint numbers of lost hands and feet (``lost_ends``)
@@ -103,8 +103,8 @@ def estimate_of(
     corrected: CorrectedJoints | None = None,
     earlier: Earlier = _NOTHING_OPEN,
 ) -> Estimate:
-    """Estimate the joints of the registered body (by rule J of the paper), the joints' states from the depth images,
-    and their sigma.
+    """Estimate the joints of the registered body (each joint moves with its bone: rule J of the paper), the joints'
+    states from the depth images, and their sigma.
 
     corrected: joints whose places a reviewer corrected. If cameras see past such a joint, the joint counts as hidden
     instead of lost. The joint's sigma covers the distance between the estimated place and the reviewer's place; if
@@ -149,9 +149,9 @@ def _frame_errors(
     """Return the variances of the joints' places that follow from this frame and from the uncertainty of the body's
     shape.
 
-    The variance of a hidden joint is increased by the variance that the joint had when its body part was last seen. For
-    all joints on the limbs of corrected joints, the variance ``pose`` is set to 0, since the covariance of the pose
-    already includes the reviewer's places.
+    The variance of a hidden joint is increased by the variance that the joint had when its body part was last seen. On
+    each limb (or trunk) with a corrected joint, the variance ``FrameErrors.pose`` of all joints is set to 0, since the
+    covariance of the pose already includes the reviewer's corrections.
     """
     found = frame_errors(body, pose, evidence, config.registration, unseen_s=earlier.unseen_s, shape=earlier.shape)
     variance = found.pose.copy()

@@ -18,8 +18,8 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import Search
 from anchorpose.tracker.start import NoStart, find_start
 
-# number of frames from a failed search for the patient's body to the next search. Each failure doubles this number, up
-# to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
+# number of frames from a failed search for the patient's body to the next search. Each failed search doubles the number
+# of frames to wait, up to LONGEST_PAUSE, since a search takes as long as tracking thirty frames
 FIRST_PAUSE, LONGEST_PAUSE = 5, 15
 
 
@@ -55,9 +55,10 @@ def follow_openly(
 
 
 class Follower:
-    """The object that follows one patient, frame by frame. A follower can be stored between two frames
-    (``tracker.journal``). The arguments have the same meaning as in ``follow_openly``; search: a search for a lost
-    patient that this follower continues; None if the patient was not followed before.
+    """The object that follows one patient, frame by frame. Its state can be stored between two frames
+    (``tracker.journal``), so that an interrupted run can continue. The arguments have the same meaning as in
+    ``follow_openly``; search: a search for a lost patient that this follower continues; None if the patient was not
+    followed before.
     """
 
     run: Run

@@ -25,8 +25,8 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.room import Run
 from anchorpose.tracker.smoothing import PassResult
 
-# m, minimum length by which a bone's vector is divided to get the bone's direction. It prevents a division by almost
-# zero; only missing bones are shorter
+# m, minimum length by which a bone's vector is divided to get the bone's direction. The minimum prevents a division by
+# almost zero; only the bones of missing limbs are shorter
 LEAST_BONE_M: Final = 1e-6
 
 
@@ -86,8 +86,8 @@ def smoothed_record(
     record: FrameRecord, answer: PassResult, body: Body, explanation: Explanation | None
 ) -> FrameRecord:
     """Return ``record`` with the joints and the pose of ``answer``, the combined result of both passes. record: the
-    frame's record from the pass (forward or backward) whose trunk is reported; explanation: how well the smoothed pose
-    fits the frame.
+    frame's record from the pass (forward or backward) with more weight for the trunk (``trunk_of_back``); explanation:
+    how well the smoothed pose fits the frame.
     """
     lost = np.array([state is JointState.LOST for state in answer.states])
     position = np.where(lost[:, None], np.nan, answer.joints_m)

@@ -79,9 +79,9 @@ def ask_poses(
 
 
 def _excused(doubt: PoseDoubt) -> PoseDoubt:
-    """Return a doubt about a camera pose. If a comparison with the equipment raised the doubt, it becomes a mere note,
-    which neither refuses the recording nor increases sigma; any other doubt is returned unchanged. Call this function
-    only if all cameras agree with each other, since the equipment was then moved, not a camera.
+    """Return a doubt about a camera pose, reduced to a mere note if a comparison with the equipment raised it. A note
+    neither refuses the recording nor increases sigma; any other doubt is returned unchanged. Call this function only if
+    all cameras agree with each other, since the equipment was then moved, not a camera.
     """
     if doubt.source is not DoubtSource.EQUIPMENT:
         return doubt

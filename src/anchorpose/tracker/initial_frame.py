@@ -33,18 +33,21 @@ from anchorpose.tracker.start import NoStart, find_start, quality
 
 # m, an arm's length plus half a trunk; a frame scores less if another person is closer to the patient than this
 CROWDED_M: Final = 1.0
-# factor on the score of a frame with fewer people than the median over all frames that show the patient, since two
-# people may have been taken for a single person
+# factor on the score of a frame that shows fewer people than usual (the median over all frames that show the patient),
+# since two people may have been taken for a single person
 MERGED: Final = 0.5
-# minimum fit of a body (``best_of``), 0 to 1. If a frame reaches this minimum and ``WHOLE``, no other frame is tried.
-# The fit is 0.95 to 1 for a patient alone, and 0.7 if a therapist's arm has the patient's label
+# minimum fit of a body (``best_of``), 0 to 1. If a body fits a frame at least this well, and the frame also reaches
+# ``WHOLE``, no other initial frame is tried. The fit of a body is 0.95 to 1 for a patient alone, and 0.7 if a
+# therapist's arm has the patient's label
 WELL: Final = 0.92
 # minimum visible area of the patient, as a share of the usual area (``InitialFrame.whole``), for which no other frame
-# is tried. It is needed besides ``WELL``, since any pose fits a frame that shows only a narrow strip of the patient
+# is tried. The minimum area is needed besides the minimum fit ``WELL``, since any pose fits a frame that shows only a
+# narrow strip of the patient
 WHOLE: Final = 0.8
 TRIES: Final = 8  # maximum number of frames in which a body is fitted; each frame takes one or two seconds
-# share of the span from the first to the last candidate frame. A frame that is nearer than this to a tried frame scores
-# less, since it would probably fail for the same reason
+# desired distance between the frames in which a body is tried, as a share of the span from the first to the last
+# candidate frame. A candidate frame that is nearer than this to a frame in which a body was tried already scores less,
+# since it would probably fail for the same reason
 APART: Final = 0.25
 
 
@@ -89,7 +92,9 @@ class _Shown(NamedTuple):
 
 
 def _first_there(patient: Patient, place_xz_m: np.ndarray) -> range:
-    """Return the first unbroken series of frames that show the patient at a place; at least one frame must do so."""
+    """Return the first unbroken series of frames that show the patient at a place; at least one frame must show the
+    patient there.
+    """
     there = [one is not None and distance_m(one, place_xz_m) < GIVEN_M for one in patient.seen]
     begin = there.index(True)
     return range(begin, there.index(False, begin) if False in there[begin:] else len(there))
@@ -111,8 +116,9 @@ def _initial_frame(shown: _Shown, patient: Patient, ordinary_m2: float, usual: f
 
 
 def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
-    """Return the room with its best initial frame first. If every initial frame shows the patient alone, no person can
-    be confused with the patient. So the order stays the same, and no body is fitted.
+    """Return the room with its possible initial frames reordered, so that the best frame comes first. If every initial
+    frame shows the patient alone, no person can be confused with the patient. So the order of the initial frames stays
+    the same, and no body is fitted to compare them.
     """
     candidates = room.initial_frames
     if all(one.alone for one in candidates):
@@ -136,7 +142,9 @@ def with_best_initial_frame(room: Room, config: TrackConfig) -> Room:
 
 
 def _log_probability(start: Start, subject: Subject, config: TrackConfig) -> float:
-    """Return the log probability, in nats, of a start's pose and shape, given the images and the body priors."""
+    """Return the log probability, in nats, of the pose and shape with which tracking would start, given the images and
+    the prior knowledge of people's bodies.
+    """
     body = build_body(body_points(), start.shape)
     readings = log_probability(body, start.belief.pose, start.observation.evidence)
     return readings - 0.5 * shape_cost(start.shape, subject, config)

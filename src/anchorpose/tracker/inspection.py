@@ -29,7 +29,7 @@ from anchorpose.tracker.room import InitialFrame, Room, Run
 from anchorpose.tracker.sighting import sight_people
 
 # maximum number of frames from the recording's initial frame to the inspected frame; tracking so many frames takes
-# about 30 s. If the initial frame is farther away, tracking starts at a nearer frame
+# about 30 s. If the recording's initial frame is farther away, tracking starts at a frame nearer to the inspected frame
 MOST_FOLLOWED = 60
 # number of frames next to the inspected frame, on the side of the recording's initial frame, in which tracking may
 # start; and the number of these frames that are examined
@@ -106,7 +106,7 @@ def position_of(recording: Recording, frame: int) -> int:
 def inspect_frame(
     recording: Recording, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Return the results of all stages for the frame with this number.
+    """Return the results of all stages for the frame with the number ``frame``.
 
     as_tracked: learn the body and follow the patient from the initial frame, as ``track`` does. Learning and following
     take as long as ``track`` does, and give exactly the joints of ``track``. If ``as_tracked`` is False, tracking
@@ -217,7 +217,7 @@ def _course(first: int, position: int, route: Route, run: Run) -> Sequence[int]:
 
 def _what_comes_next(tracker: PatientTracker, frames: Iterator[FrameSet]) -> Next | None:
     """Return the frame after the inspected frame and its matches; None if the recording ends or this frame does not
-    show the patient. The tracker's window is filled with the following frames first.
+    show the patient. The following frames are first added to the tracker's window, up to the whole look-ahead.
     """
     while len(tracker.window) <= tracker.config.follow.look_ahead:
         frame_set = next(frames, None)

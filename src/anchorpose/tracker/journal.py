@@ -15,8 +15,8 @@ An object or array that occurs twice in a value is also a single object or array
 twice becomes two containers.
 
 Each file has a digest (checksum) of its content and its name, so that a renamed file is refused. Each pass stores its
-frames in blocks and, with each block, the state that the next frame needs. Even an uninterrupted run continues with
-values that were stored and then read, so that a resumed run has exactly the same results.
+frames in blocks and, with each block, the state that the next frame needs. Even in an uninterrupted run, each block of
+frames continues from the stored state, read back from its file, so that a resumed run has exactly the same results.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ class Journal:
                 Journal(path.parent)._stored(path.name)
 
     def write(self, name: str, value: object) -> None:
-        """Store a value. The file's content is not copied in memory, since it may be large."""
+        """Store a value in the file ``name``. The file's content is not copied in memory, since it may be large."""
         stored = io.BytesIO()
         stored.write(bytes(DIGEST_BYTES))
         write_value(stored, value, self.shared)
@@ -249,7 +249,7 @@ class Journal:
             write_whole(self.folder / name, data)
 
     def read(self, name: str, kind: Any) -> Any:
-        """Read the value of this name, which is of the type ``kind``.
+        """Read the stored value with this name; ``kind`` is the type of the value.
 
         Raises KeyError if no value of this name is stored, InputError if the file is damaged or the value has another
         type.
@@ -286,8 +286,8 @@ class Journal:
         return InputError(self.folder / name, "is damaged", self._remedy)
 
     def once(self, name: str, kind: Any, make: Callable[[], Item]) -> Item:
-        """Return the value of this name and of the type ``kind``. If no value of this name is stored yet, ``make``
-        computes the value, which is then stored and read again.
+        """Return the stored value with the name ``name`` and the type ``kind``. If no value of this name is stored yet,
+        ``make`` computes the value, which is then stored and read again.
         """
         try:
             found: Item = self.read(name, kind)

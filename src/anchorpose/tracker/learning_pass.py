@@ -39,7 +39,7 @@ CANDIDATES: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """The values of a frame that learning needs; they take a third of the memory of a whole estimate."""
+    """The values of a frame that are needed to learn the body; they take a third of the memory of a whole estimate."""
 
     time_s: float
     belief: PoseBelief
@@ -70,7 +70,9 @@ class OtherFacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearntPatient:
-    """The belief in the patient's shape, and the patient's pose in the first frame that learning used."""
+    """The learnt shape of the patient with its uncertainty, and the patient's pose in the first frame that learning
+    used.
+    """
 
     belief: ShapeBelief  # belief in the shape at the end of learning
     first: ShapeBelief  # belief in the shape after the first window of frames
@@ -94,8 +96,8 @@ class LearntPatient:
         return Facing(self.pose, Rival(vague_belief(other.pose), other.behind, body=own))
 
     def where_found(self, room: Room) -> Room:
-        """Return the room with the first frame that learning used as the initial frame. This frame differs from the
-        room's initial frame if the patient could not be found in the latter.
+        """Return the room with the first frame that learning used in place of its initial frame. The two frames differ
+        if the patient could not be found in the initial frame.
         """
         initial, number = room.initial_frame, room.recording.streams[0].frame
         if initial is None or number[initial.frame] == self.frame:
@@ -162,7 +164,8 @@ class _Window:
     # larger its cost
     moved: float
     tracker: PatientTracker | None  # the tracker after this window; None if tracking ended
-    # start with the opposite facing in frame number ``frame``; None if this frame excludes the opposite facing
+    # the patient with the opposite facing, as found in frame number ``frame``; None if this frame excludes the opposite
+    # facing
     turned: Start | None
     frame: int  # number of the first frame with the patient; 0 in stretches after the first
 
@@ -340,7 +343,9 @@ def _seen(estimate: Estimate, run: Run) -> _Seen | None:
 
 
 def _fixed(window: _Window, run: Run) -> LearntPatient:
-    """Return the patient with the body of the first pose, unchanged, for settings that leave learning out."""
+    """Return the patient with the body that was fitted in the first frame, unchanged; it is used if the settings switch
+    off learning (``learning.own_shape``).
+    """
     shape = window.kept[0].shape
     beliefs = known_beliefs(run.room.recording.subject, run.config)
     fixed = replace(likeliest(beliefs, shape), shape=shape)
@@ -364,7 +369,9 @@ def _learn_more(learnt: LearntPatient | None, window: _Window, seconds: float, r
 
 
 def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
-    """Learn from the first window. The user's statements on the patient are ignored if the images contradict them."""
+    """Learn the patient's shape from the first window of frames. The user's statements on the patient are ignored if
+    the images contradict them.
+    """
     subject, config, kept = run.room.recording.subject, run.config, window.kept
     shape = kept[0].shape
 
@@ -378,8 +385,8 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
     if subject != subject.unmeasured:
         seen = learnt(subject.unmeasured)
         why = contradiction(subject, seen, config)
-        # perhaps only the learnt height contradicts the statements; images show a height poorly, so the contradiction
-        # counts only if it remains after other statures were included
+        # the contradiction may concern only the learnt height, which images show poorly, so it counts only if it
+        # remains after bodies of other statures were included in the belief
         if why:
             why = contradiction(subject, _with_other_statures(seen, kept, subject.unmeasured, run), config)
         belief = seen if why else belief
@@ -387,7 +394,9 @@ def _learn_first(seconds: float, window: _Window, run: Run) -> LearntPatient:
 
 
 def _learn(known: ShapeBelief, kept: Sequence[_Seen], count: int, reaches_m: Sequence[float], run: Run) -> ShapeBelief:
-    """Return the belief ``known`` after learning from the ``count`` frames of ``kept`` that differ most in pose."""
+    """Return the belief ``known`` after learning from the ``count`` frames of ``kept`` that differ most in pose.
+    reaches_m: for each learning step, the maximum distance at which a surface node pulls the skin.
+    """
     chosen = most_different(body_points(), [seen.pose for seen in kept], count)
     return learn_body(
         body_points(),

@@ -21,21 +21,21 @@ from anchorpose.tracker.room import Run
 # first and largest number of frames to wait after a search for limbs without a result, since a search takes as long as
 # tracking three frames; each such search doubles this number
 SEARCH_PAUSE, LONGEST_PAUSE = 4, 16
-# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If the sum is below this
-# limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, every sum is larger
-# (``tools/measure_named_places.py``)
+# nats, limit of the sum of the log likelihood ratios of a limb's two halves (``named_nats``). If a limb's sum is below
+# this limit, the learnt descriptor assigns the limb's skin to another limb; in correctly tracked people, the sums of
+# all limbs are larger (``tools/measure_named_places.py``)
 MISNAMED: Final = -1.0
 # factor; the pause between searches ends early if the area of visible skin that the body does not cover has grown by
 # this factor since the last search without a result
 MORE: Final = 1.5
-# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The limit is large, since
-# the surface of an arm ends at wrist or elbow if a bar hides the hand
+# m, maximum distance of an anchor (an end of the seen surface) from the pose's hand or foot. The maximum distance is
+# large, since the seen surface of an arm ends at wrist or elbow if a bar hides the hand
 ELSEWHERE_M: Final = 0.25
 LIMB_ENDS: Final = slice(1, None)  # the anchors that are hands and feet; the first anchor is the head
 
 
 class LimbWatch:
-    """The watch that decides in each frame whether to search for misplaced limbs; it pauses after searches without a
+    """The object that decides in each frame whether to search for misplaced limbs; it pauses after searches without a
     result.
     """
 
@@ -96,8 +96,8 @@ class LimbWatch:
 
 
 def _misnamed(body: Body, found: Registration, seen: Observation, sources: Sequence[Source]) -> bool:
-    """Return whether the descriptor assigns a limb's skin to another limb than the pose does; False in frames that the
-    descriptor does not check (``is_described``).
+    """Return whether the learnt descriptor, which estimates the place on the skin that a pixel shows, assigns a limb's
+    skin to another limb than the pose does; False in frames that the descriptor does not check (``is_described``).
     """
     if Source.DESCRIPTOR not in sources or not is_described(seen.frame_set):
         return False
@@ -117,7 +117,9 @@ def explained_by(body: Body, found: Registration, seen: Observation) -> Explanat
 def is_doubtful(
     body: Body, found: Registration, explanation: Explanation, seen: Observation, sources: Sequence[Source]
 ) -> bool:
-    """Return whether a limb may be misplaced: much seen skin is uncovered, or a hand or foot is far from its anchor."""
+    """Return whether a limb may be misplaced: the body leaves much seen skin uncovered, or its hand or foot is far from
+    the anchor (the hand or foot found on the surface).
+    """
     if Source.SURFACE in sources and needs_search(explanation, bool(hidden_limbs(body, explanation))):
         return True
     away = contradicted_by(body, found.belief.pose, seen.anchors, ELSEWHERE_M)[LIMB_ENDS]

@@ -27,10 +27,10 @@ from anchorpose.tracker.room import InitialFrame
 from anchorpose.tracker.sighting import SeenPerson, Sighting, sight_people
 
 # m, maximum distance between the twin (the real person) and the reflected place of the mirror image. The camera may see
-# the front of the twin and the back of the image; front and back are this far apart
+# the front of the real person and the back of the mirror image; a person's front and back are this far apart
 TWIN_M: Final = 0.35
 # minimum number of frames in which a mirror image must have a twin (the real person). Two people who pass each other
-# may look like image and twin in one or two frames, without a mirror
+# may look like a person and their mirror image in one or two frames, without a mirror
 LEAST_TWINS: Final = 3
 
 

@@ -30,8 +30,8 @@ from anchorpose.tracker.start import turn_round
 AGREEING: Final = 3  # tracking back stops after this many successive frames in which both directions agree
 # tracking back stops after this many successive frames in which it shows no more of the body than the pass did
 IN_VAIN: Final = 10
-# m; if limbs were found in another place than expected and a joint jumps farther than this between two frames, a limb
-# counts as found again
+# m; a limb counts as found again if limbs were found in another place than expected (``Estimate.moved``) and a joint
+# jumps farther than this between two frames
 ELSEWHERE_M: Final = 0.15
 TRUNK: Final = JOINT_INDEX["SpineMid"]
 # number of frames between two attempts to track back: FIRST_PAUSE after an attempt that changed a frame; each attempt

@@ -1,4 +1,6 @@
-"""Hold the values of one frame: where the patient was expected, person labels, surface, anchors, evidence."""
+"""Hold the values of one frame: where the patient was expected, person labels, surface, anchors, and the data to which
+the body is registered (evidence).
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ from anchorpose.tracker.bystanders import Bystanders
 from anchorpose.tracker.stopwatch import Stopwatch
 
 # minimum number of a node's distances to anchors that must remain after the distances lengthened by a hole in the
-# surface are left out; with fewer, all distances of the node are kept. Three distances identify a node (paper, Section
-# IV-D), and four distances allow four choices of three
+# surface are left out; with fewer, all distances of the node are kept. The distances to three anchors identify a node
+# (paper, Section IV-D), and four distances allow four different choices of three anchors
 LEAST_TRUSTED = 4
 # number of frames from a check by the learnt descriptor to the next check; a check takes a third of the time for
 # tracking a frame
@@ -65,7 +67,9 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Isolated:
-    """The people of one frame."""
+    """The people of one frame: the label of each pixel, the skin of each person as last seen, and the bystanders'
+    bodies.
+    """
 
     pieces: tuple[Pieces | None, ...]  # the pixels of all people, per camera; None without a depth image
     views: tuple[View | None, ...]  # depth frame with the label of each pixel, per camera; None without a depth image

@@ -55,7 +55,7 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.sighting import IN_EACH_OTHER_M, Crowd, see_people_apart
 from anchorpose.tracker.steps import facing_points, find_steps, step_onto
 
-# m, maximum sigma of predicted skin that helps to decide which pixels show the patient: half a limb's width
+# m, half a limb's width; predicted skin with a larger sigma is not used to decide which pixels show the patient
 LOOSEST_SKIN_M = 0.05
 UNFITTED_M_S = 1.2  # m/s, growth of the skin's sigma while the body is not fitted: the speed of a leg
 
@@ -140,9 +140,9 @@ def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[Ownersh
     """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
     predicted skin of limbs that have been hidden for long. elapsed_s: time since the last frame.
 
-    The patient's skin is as uncertain as a bystander's: where both are expected, the nearer skin decides, or the
-    surface to which a pixel is connected. A more certain skin would take pixels from other people, and these pixels
-    would then confirm a wrong pose.
+    The patient's predicted skin is assumed to be as uncertain as a bystander's. Where both are expected, a pixel gets
+    the label of the person whose predicted skin is nearer, or to whose surface the pixel is connected. A more certain
+    skin would take pixels from other people, and these pixels would then confirm a wrong pose.
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
@@ -260,7 +260,9 @@ Associate = Callable[[Observation, Observation, TrackConfig], Matcher]
 
 
 class Window:
-    """The last registered frame and the frames of the look-ahead. Nodes are matched only if the track tree is used."""
+    """The last registered frame and the look-ahead (later frames that are read before the next pose is estimated).
+    Nodes are matched only if the track tree is used.
+    """
 
     run: Run
     frames: deque[FrameSet]  # all frames of the window
@@ -299,8 +301,8 @@ class Window:
             self._matchers[number] = None
 
     def restart(self, seen: Observation) -> None:
-        """Replace the observation of the frame after the last registered frame by one with other labels, and forget the
-        later observations, whose labels follow from the replaced labels.
+        """Replace the observation of the frame after the last registered frame by an observation with other person
+        labels, and forget the later observations, whose labels follow from the replaced labels.
         """
         while len(self.seen) > 2:
             self.seen.pop()

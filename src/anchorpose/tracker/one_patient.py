@@ -21,11 +21,12 @@ from anchorpose.tracker.sighting import see_people_apart
 # m; a pixel farther than this from the predicted skin counts as off the skin; an arm moves at most this far between two
 # frames
 OFF_SKIN_M: Final = 0.2
-# minimum share of pixels on the patient's predicted skin. A found person with small surface who has this share counts
-# as a part of the patient, which the descriptor mistook for a separate person
+# minimum share of a found person's pixels that must lie on the patient's predicted skin for a person with little
+# surface to count as a part of the patient, which the learnt descriptor mistook for a separate person
 OWN_SHARE: Final = 0.5
-# minimum share of pixels on the patient's predicted skin. Two found people are a single person if both have this share.
-# A body that was fitted to two people by mistake covers only about half of each person
+# minimum share of a person's pixels that must lie on the patient's predicted skin; if all found people with much
+# surface have at least this share, they count as a single person. A body that was fitted to two people by mistake
+# covers only about half of each person
 ONE_BODY_SHARE: Final = 0.75
 
 

@@ -1,9 +1,9 @@
 """Fit taller and shorter bodies to the frames from which the body was learnt, and include them in the belief in the
-shape.
+shape (its estimate and uncertainty).
 
-Learning takes Gauss-Newton steps. These steps end in the minimum of the cost that is nearest to their start, and the
-covariance at this minimum does not include other minima. If the feet are cut off or inside wide trousers, as they often
-are, bodies 10 % taller or shorter explain the images equally well.
+Learning takes Gauss-Newton steps, which end in the local minimum of the fitting cost that is nearest to their start.
+The covariance at this minimum does not include other minima, such as bodies of another stature. If the feet are cut off
+or inside wide trousers, as they often are, bodies 10 % taller or shorter explain the images equally well.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from anchorpose.recording.recording import Subject
 from anchorpose.tracker.config import TrackConfig
 from anchorpose.tracker.prior_shape import TRIED_SIGMA_M, shape_cost
 
-# factors on the learnt stature; learning starts again from each of these statures. One person's learnt statures
-# differed by up to 9 % between twelve sequences of MSR Action3D
+# factors on the learnt stature; learning starts again from each of these statures. The factors allow for an error of 8
+# to 9 %: one person's learnt statures differed by up to 9 % between twelve sequences of MSR Action3D
 OTHERS: Final = (0.92, 1.0 / 0.92)
 
 
@@ -55,12 +55,13 @@ def frames_nats(shape: FittedShape, frames: Sequence[PosedFrame], config: TrackC
 def with_other_statures(
     learnt: ShapeBelief, known: ShapeBelief, frames: Sequence[PosedFrame], subject: Subject, config: TrackConfig
 ) -> ShapeBelief:
-    """Return the belief with the same shape and a covariance that includes other statures.
+    """Return the belief with the same shape, and with a covariance that includes bodies of other statures.
 
-    Each other stature is weighted by its odds. The log odds are the log probability of its shape plus the mean log
-    probability of the frames, minus the same sum for the learnt shape. ``believed`` reduces the log odds, since clothes
-    cause errors of both sums. known: the belief in the shape before any frame was used; subject: the user's statements
-    about the patient. Half as many frames are used as for learning: the frames whose poses differ most.
+    Each other stature is weighted by its odds against the learnt stature. The log odds are the difference of two sums,
+    for the shape of this stature and for the learnt shape. Each sum adds the log probability of the shape to the mean
+    log probability of the frames. ``believed`` reduces the log odds, since clothes cause errors of both sums. known:
+    the belief in the shape before any frame was used; subject: the user's statements about the patient. Half as many
+    frames are used as for learning: the frames whose poses differ most.
     """
     chosen = most_different(body_points(), [frame.pose for frame in frames], config.learning.frame_count // 2)
     some = [frames[number] for number in chosen]

@@ -121,8 +121,8 @@ def learn_on(route: Route, run: Run) -> LearntPatient | None:
 def track_on(route: Route, run: Run, learnt: LearntPatient | None, journal: Journal) -> Iterator[TrackedFrame]:
     """Track all frames as soon as the first result is requested, then yield the results in the order of time.
 
-    Every block is stored in the journal; if the journal has frames already, tracking continues after them. If tracking
-    cannot continue, InputError is raised before the first result is requested.
+    The tracked frames are stored in the journal in blocks; if the journal has frames already, tracking continues after
+    them. If tracking cannot continue, InputError is raised before the first result is requested.
     """
     passes = _Passes(route, run, learnt, None if learnt is None else build_body(body_points(), learnt.shape), journal)
     passes.require_readable()
@@ -187,7 +187,7 @@ class _Passes:
     def _both_ways(self, name: str, positions: Sequence[int], body: Body) -> None:
         """Track from the initial frame to one end and back, and combine both passes.
 
-        The frames are then read a third time, to compute how well the smoothed poses fit them.
+        After both passes, the frames are read a third time, to compute how well the smoothed poses fit them.
         """
         usable = self.run.room.review.why_unusable
 
@@ -231,7 +231,7 @@ class _Passes:
         smoothing: Smoothing,
     ) -> TrackedFrame:
         """Return a frame with the combined result of both passes. Labels, contacts and anchors depend on the place of
-        the body, so they are taken from the pass whose trunk is reported.
+        the body, so they are taken from the pass with more weight for the trunk (``trunk_of_back``).
         """
         if self.body is None:
             raise ValueError("passes can only be combined if a body was learnt")
@@ -249,8 +249,8 @@ class _Passes:
         keep: Callable[[Estimate], Kept],
         wait: int = 0,
     ) -> Start | Search | None:
-        """Run one pass to its end, after the frames that the journal has already; return how a pass back begins
-        (``_PassState.turned``).
+        """Run one pass to its end, after the frames that the journal has already; return the start of a pass back
+        through the same frames (``_PassState.turned``).
 
         begin: function that makes this pass's follower; keep: function that returns the values to store for an
         estimate; wait: number of latest frames that are not stored yet, since they may be replaced if a lost limb is

@@ -43,14 +43,15 @@ from anchorpose.tracker.search import LastSeen, Search, seen_as_strip
 
 # a patient is in view if at least this share of the joints is inside a camera's image
 IN_VIEW: Final = 0.25
-# m, half a forearm's width. A frame is observed with a predicted place of the patient. If a later prediction for this
-# frame differs by more than this, the frame is observed again
+# m, half a forearm's width: maximum difference between the patient's predicted place with which a frame was observed
+# (labelled and meshed), and a later prediction of this place. If the difference of the predicted places is larger, the
+# frame is observed again
 SEE_AGAIN_M: Final = 0.03
 
 
 class PatientTracker:
-    """The tracker of one patient. The tracker's window holds the last registered frame and up to ``look_ahead`` later
-    frames.
+    """The tracker of one patient. Its window holds the last registered frame and the look-ahead: up to ``look_ahead``
+    later frames, which are read before the next pose is estimated.
     """
 
     run: Run
@@ -106,7 +107,7 @@ class PatientTracker:
         if not self._look(frame_set) or only_look:
             return None
         registration, following, hypothesis = self._advance()
-        # estimate: joints from the posed skin (the paper's rule J), their states and their uncertainty
+        # estimate: joints of the posed body (the paper's rule J), their states and their uncertainty
         estimate = self._estimate(replace(registration, belief=self.belief), following, hypothesis)
         return replace(estimate, moved=self.moved)
 
@@ -299,11 +300,12 @@ class PatientTracker:
         return following
 
     def _corrected(self, belief: PoseBelief, seen: Observation) -> PoseBelief:
-        """Return the belief with a reviewer's corrections of this frame's joints; unchanged without corrections.
+        """Return the belief (pose and its uncertainty) with a reviewer's corrections of this frame's joints; unchanged
+        without corrections.
 
-        If the corrections contradict the belief, the tracker assigned the depth readings to a wrong limb. The
-        corrections then get more weight, and of the poses before this frame only the path is continued.
-        Corrections that the body cannot reach are ignored.
+        If the corrections contradict the belief, the tracker has probably assigned depth readings to a wrong limb. The
+        limbs are then made more uncertain, so that the corrections get more weight, and the past poses are replaced
+        (``_keep_path``). Corrections that the body cannot reach are ignored.
         """
         given = self._corrections(seen)
         if given is None:
@@ -353,15 +355,17 @@ class PatientTracker:
         return best, hypothesis
 
     def _with_limbs_found(self, found: Registration, predicted: PoseBelief, elapsed_s: float) -> Registration:
-        """Return the registration after comparing it with its rivals, and after a search for misplaced limbs."""
+        """Return the registration after comparing it with its rivals (other poses that fit the images almost as well),
+        and after a search for misplaced limbs.
+        """
         best, seen = found, self.window[1]
         if found.found:
             best, self.rivals = follow_rivals(
                 self.body, found, self.rivals, seen.evidence, elapsed_s, self.config.registration, self.pace
             )
             explanation = explained_by(self.body, best, seen)
-            # if a rival (another pose that fits almost as well) replaced the best pose, the rival's pose serves as the
-            # predicted pose
+            # if a rival (another pose that fits almost as well) replaced the best pose, the search for limbs uses the
+            # rival's pose as the predicted pose
             expected = predicted if best is found else best.belief
             search = self.watch.look(self.body, best, explanation, expected, seen)
         else:
@@ -374,7 +378,8 @@ class PatientTracker:
 
     def _is_doubtful(self, found: Registration) -> bool:
         """Return whether it is in doubt who the patient is: the patient was hidden in the frame before, and either a
-        person is found or the descriptor checks the frame. A reviewer's corrections leave no doubt.
+        person is found or the learnt descriptor checks the frame (``is_described``). A reviewer's corrections leave no
+        doubt.
         """
         return (
             self.last.gone_s > 0.0
@@ -383,7 +388,9 @@ class PatientTracker:
         )
 
     def _likeliest_scene(self, found: Registration, predicted: PoseBelief) -> Registration:
-        """Return the patient's registration in the likeliest scene hypothesis, and continue with its labels."""
+        """Return the patient's registration in the likeliest scene hypothesis (assumption about which person is the
+        patient), and continue with the person labels of this hypothesis.
+        """
         now, before = self.window[1], self.window[0]
         signed_s = now.frame_set.time_s - before.frame_set.time_s
         known = KnownPeople(self.body, self.last, predicted, before, signed_s, self.height_m, self.run)
@@ -395,7 +402,9 @@ class PatientTracker:
         return best.registration
 
     def _keep_path(self, pose: Pose, wrong: Pose) -> None:
-        """Replace the past poses, if ``pose`` corrects ``wrong``: only the path of the trunk is continued."""
+        """Replace the joints of the past frames, after ``pose`` corrected the pose ``wrong``. Only the path of the
+        trunk is kept from the past movement (``corrected_past``).
+        """
         past_m = corrected_past(np.array(self.history), self.body.joints(pose), self.body.joints(wrong))
         self.history.clear()
         self.history.extend(past_m)
@@ -417,12 +426,13 @@ class PatientTracker:
 
 
 def corrected_past(past_m: np.ndarray, posture_m: np.ndarray, wrong_m: np.ndarray) -> np.ndarray:
-    """Return joints (k, 21, 3) for the past frames, whose limbs were in wrong places: the correct posture (21, 3) moved
-    along the past path of the trunk, whose last step also leads to ``posture_m``. Without them, a patient who walks on
-    behind another person would be expected to stand still. Metres, world.
+    """Return joints (k, 21, 3) for the last k frames, in which limbs were found to be in wrong places. All frames get
+    the correct posture ``posture_m`` (21, 3). The trunk moves along its past path, shifted so that repeating the path's
+    last step leads to ``posture_m``. Without these past frames, a patient who walks on behind another person would be
+    expected to stand still. Metres, world.
 
     past_m (k, 21, 3): the past joints; wrong_m (21, 3): the joints that ``posture_m`` corrects. The result is empty if
-    the trunk was in a wrong place, too, or if the past has no step.
+    the trunk was in a wrong place, too, or if fewer than two past frames are known.
     """
     path_m = past_m[:, JOINT_INDEX["SpineBase"]]
     trunk_m = np.linalg.norm((posture_m - wrong_m)[JOINT_INDEX["SpineBase"]])

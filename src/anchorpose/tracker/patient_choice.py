@@ -1,8 +1,8 @@
 """Choose the patient among the people in the sampled frames.
 
-The patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not turn the
-back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so each sign
-adds to a person's votes, and the person with most votes is the patient.
+Usually, the patient stands in the equipment, is present all the time, is near the cameras' optical axes, and does not
+turn the back to all cameras. Helpers stand around the patient and face the patient. None of these signs is certain, so
+each sign adds to a person's votes, and the person with most votes is the patient.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ OUTSIDE_M: Final = 0.2  # m; a person this far outside the equipment loses ln 2 
 # minimum difference in votes between patient and next person for a sure choice; it means odds of three to one if votes
 # are log likelihoods
 SURE: Final = 1.0
-# number that is added to the count of frames in which a person is missing. A person seen only once then gets few votes,
-# since the body of such a person may have been fitted to an arm
+# number that is added to the count of frames in which a person is missing. The addition lowers the votes of a person
+# who was seen only once, since the body of such a person may have been fitted to an arm
 CHANCE: Final = 2
 # seven heights, in m below the top of the head; the trunk of a standing or sitting person is at all of them
 CHEST_M: Final = np.linspace(0.35, 0.75, 7)
@@ -132,8 +132,8 @@ def find_candidates(
 
 
 def _followed(sightings: Sequence[Sighting]) -> list[list[SeenPerson | None]]:
-    """Return, for each person, how every sighting shows this person (None: not seen). People with the same usual place
-    count as one person.
+    """Return, for each person, the person as seen in each sighting (None: not seen); a sighting has all people seen in
+    one frame. People with the same usual place count as one person.
     """
     members = list[list[SeenPerson | None]]()
     for number, sighting in enumerate(sightings):
@@ -176,8 +176,8 @@ def _usual_place(seen: Sequence[SeenPerson | None]) -> np.ndarray:
 
 
 def _is_human(seen: Sequence[SeenPerson | None]) -> bool:
-    """Return whether most of the person's surface lies near the fitted rough body and cameras do not see past a large
-    share of the body's trunk.
+    """Return whether the seen person is human: most of the person's surface lies near the fitted rough body (average
+    shape), and cameras do not see past a large share of this body's trunk.
 
     In each sighting, a share of the person's surface lies near the body. The upper quartile of these shares decides,
     since a pad and a therapist may hide almost all of a patient until the patient stands up.

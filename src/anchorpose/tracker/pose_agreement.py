@@ -26,23 +26,25 @@ from anchorpose.isolation.scene import Pieces, Scene, find_all_pieces
 from anchorpose.recording.recording import FrameSet, depths_of
 
 # two limits of the share of the room's common surface that a camera sees past (it reads something more than AWAY_M
-# farther away). A share above the first limit causes a note; a share above the second limit, a refusal of the recording
+# farther away). If a camera sees past a share of the room above the first limit, a note is made; above the second
+# limit, the recording is refused
 SOME_OF_ROOM, MUCH_OF_ROOM = 0.08, 0.30
 # two limits of the share of the people's surface that a camera sees past; a share above the first limit causes a note,
 # a share above the second limit a refusal of the recording
 SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
-# limit of the share of the room that is seen past, used if the share of people is unknown, for example because a camera
-# blurs depth edges. If the share is above this limit, the recording is refused. The limit is higher than MUCH_OF_ROOM,
-# since people cannot confirm the contradiction
+# limit of the share of the room that a camera may see past, used if the share of the people's surface is unknown, for
+# example because a camera blurs depth edges. If a camera sees past more than this share of the room, the recording is
+# refused. The limit is higher than MUCH_OF_ROOM, since the people's surface cannot confirm that a camera pose is wrong
 ROOM_ALONE: Final = 0.6
-# m, tolerated distance of a reading behind a surface; poses wrong by 3 cm and 1 degree displace people by 0.12 m
+# m; a camera sees past a surface if its reading is farther behind the surface than this. Camera poses that are wrong by
+# 3 cm and 1 degree displace people by 0.12 m
 AWAY_M: Final = 0.10
 LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
 POINTS: Final = 20000  # number of points of one camera's room that are compared
 POINTS_OF_PEOPLE: Final = 3000  # number of points on the people in one camera's frame that are compared
 FRAMES: Final = 8  # maximum number of frames in which people are compared
-# m; camera poses are doubted if the surfaces seen by both cameras are farther apart than this. With correct poses, the
-# surfaces are at most 0.009 m apart
+# m; camera poses are doubted if the surfaces seen by both cameras are farther apart than this. With correct camera
+# poses, the surfaces that both cameras see are at most 0.009 m apart
 OFF_M: Final = 0.015
 # m; the recording is refused if the surfaces seen by both cameras are farther apart than this: each of the two poses is
 # then wrong by about 10 cm

@@ -1,4 +1,4 @@
-"""Find clocks, calibration and room from frames spread over the recording.
+"""Find the clocks and poses of the cameras, the empty room and the patient, from frames spread over the recording.
 
 If the equipment looks the same from two sides, the side that the patient faces is its front.
 """
@@ -35,11 +35,11 @@ from anchorpose.tracker.resting_objects import with_resting_objects
 from anchorpose.tracker.room import NO_REVIEW, InitialFrame, Review, Room, Run
 from anchorpose.tracker.sighting import rough_body_of, sight_people
 
-# factor on the number of sampled frames if a camera has no image of the empty room. The room is then composed from
-# samples in which people hide different parts of it
+# factor on the number of sampled frames if a camera has no image of the empty room. Without such an image, the empty
+# room is composed from sampled frames in which people hide different parts of it
 BLIND_SAMPLES = 3
-# number of frames that are examined on each side of the frame in which the user gave the patient's place. In so few
-# frames, a person walks only half a step
+# number of frames that are examined on each side of the frame in which the user gave the patient's place. In this
+# number of frames, a person walks only half a step
 AROUND: Final = 6
 OUTDATED: Final = "the camera or its room has moved since the depth image of the empty room was recorded"
 MOVED: Final = "moved during the recording, or its depth drifted: positions from before and after do not fit together"
@@ -81,8 +81,9 @@ def settle(recording: Recording, config: TrackConfig, review: Review = NO_REVIEW
     """Find the clocks and poses of all cameras. Known poses make the clocks more precise, and known clocks make poses
     that are found from people more precise, so clocks and poses are found in turn.
 
-    Clocks and floor of reviewed results are used unchanged. A depth image of the empty room that does not fit the
-    recording is not used, and a note of the calibration states this. Raises InputError if a pose cannot be found.
+    The clocks and the floor height of reviewed results (``review``) are used unchanged. A depth image of the empty room
+    that does not fit the recording is not used, and a note of the calibration states this. Raises InputError if a pose
+    cannot be found.
     """
     recording, notes = _without_outdated_rooms(recording, config)
     settled = _settled_in_turn(recording, config, review)
@@ -294,10 +295,10 @@ def heading_of_patient(
     room: Room, samples: Sequence[FrameSet], headings: Sequence[np.ndarray], config: TrackConfig
 ) -> int | None:
     """Return the index of the heading (a horizontal unit vector, (3,)) that is nearest to the patient's facing; None if
-    the examined frames disagree.
+    the examined frames disagree, or if no frame shows the facing.
 
-    room: ``InitialFrame.frame`` of its initial frames is an index into ``samples``. Several frames are used, because in
-    a single frame another person may be mistaken for a part of the patient.
+    room: its initial frames are numbered by their index in ``samples``, not by their position in the recording. Several
+    frames are used, because in a single frame another person may be mistaken for a part of the patient.
     """
     looks = [one for one in room.initial_frames if one.choice.sure][:LOOKS]
     faced = [facing for look in looks if (facing := _facing(room, samples[look.frame], look, config)) is not None]

@@ -88,8 +88,8 @@ def stature_m(age_years: float | None, sex: Sex | None) -> tuple[float, float]:
     return mean, float(np.hypot(spread, apart if age_years is None or age_years > 12.0 else 0.0))
 
 
-# factors on the stature that the descriptor's matches give; both statures are tried, since real people are often 5 to
-# 10 % shorter than this stature
+# factors on the stature that is estimated by the learnt descriptor; bodies of both statures are tried, since real
+# people are often 5 to 10 % shorter than this estimate
 TALLER = (1.0, 0.92)
 ADULT_HEIGHTS_M = (1.45, 2.0)  # m, limits of the height of an adult body that is tried
 CHILD_HEIGHTS_M = (0.95, 1.55)  # m, limits of the height of a child's body that is tried

@@ -2,7 +2,7 @@
 the room.
 
 An opened door or a pushed chair does not stay in one place long enough to be learnt as a part of the room. But such an
-object is not a person either.
+object must not be taken for a person either.
 """
 
 from __future__ import annotations
@@ -30,13 +30,12 @@ LEAST_S: Final = 1.0
 LEAST_SAMPLES: Final = 6  # minimum number of samples that show an object at rest, to measure the spread of its readings
 # number of sampled frames that are left out after an object came to rest, since the object may still move a little
 SETTLING: Final = 2
-# 0 to 1, minimum that each of two shares must reach. The first share is the part at rest of the connected foreground
-# that contains an object. The second share is the part of the object's pixels that came to rest only after the first
-# samples
+# 0 to 1, minimum of two shares for an object to count as resting: the share of the connected foreground around the
+# object that is at rest, and the share of the object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
 # percentile of the share at rest over the sampled frames that show the object at rest (``_whole_share``). With this
-# percentile, people may touch the object in two thirds of the frames
+# percentile, an object counts as resting even if people touch it in up to two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 
@@ -90,7 +89,9 @@ def resting_objects(
 
 
 def _turned(one: RestingObject, count: int) -> RestingObject:
-    """Convert an object found in reversed samples to the recording's order."""
+    """Convert an object that was found in the samples in reverse order: return it with the true times, and with the
+    numbers of its samples in the recording's order.
+    """
     layer = RestingLayer(one.layer.depth_m, one.layer.sigma_m, -one.layer.until_s, -one.layer.from_s)
     return RestingObject(one.piece, layer, np.sort(count - 1 - one.samples))
 
@@ -113,8 +114,8 @@ def _until_the_end(seen: Recorded, model: BackgroundModel) -> Iterator[RestingOb
 
 
 def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
-    """Return, for each pixel, the surface that is at rest until the last sample. The farthest readings of the last
-    second give this surface.
+    """Return, for each pixel, the surface that is at rest until the last sample. The depth of this surface is the mean
+    of the farthest readings in the last ``LEAST_S`` seconds (in at least ``LEAST_SAMPLES`` samples).
     """
     frames, times = seen.frames_m, seen.time_s
     last = frames[min(int(np.searchsorted(times, times[-1] - LEAST_S)), len(frames) - LEAST_SAMPLES) :]
@@ -132,8 +133,8 @@ def _what_is_still(seen: Recorded, noise_per_m: float) -> _Still:
 
 
 def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndarray:
-    """Return the numbers (k,) of the samples that show enough of a piece at rest, without the first ``SETTLING`` of
-    these samples; an empty array if too few samples show it.
+    """Return the numbers (k,) of the samples that show enough of an object (its pixels: ``piece``) at rest, without the
+    first ``SETTLING`` of these samples; an empty array if too few samples show it, or for too short a time.
     """
     since = np.percentile(still.since[piece], SHOWN)
     samples = np.flatnonzero(still.agrees[:, piece].mean(axis=1) > SHOWN / 100.0)
@@ -145,8 +146,9 @@ def _samples_of(piece: np.ndarray, still: _Still, time_s: np.ndarray) -> np.ndar
 def _whole_share(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> float:
-    """Return the share at rest, 0 to 1, of the connected foreground that contains a piece: the percentile ``OFTEN`` of
-    this share over the frames in ``samples``, which show the piece at rest.
+    """Return how much of the connected foreground that contains an object (its pixels: ``piece``) is at rest, 0 to 1.
+    This share is measured in each frame of ``samples``, which show the object at rest; the percentile ``OFTEN`` of the
+    shares is returned.
     """
     shares = []
     for k in samples:
@@ -193,7 +195,9 @@ def with_resting_objects(scene: Scene, number: int, samples: Sequence[FrameSet])
 
 
 def _person_share(one: RestingObject, frames_m: Sequence[np.ndarray], camera: Camera) -> float:
-    """Return the share of an object's pixels that the descriptor takes for a person: median of ``CHECKED`` frames."""
+    """Return the share of an object's pixels that the learnt descriptor takes for a person: the median over ``CHECKED``
+    frames.
+    """
     chosen = [int(one.samples[k]) for k in thin(len(one.samples), CHECKED)]
     row, column, _ = nearest_rays(camera)
     return float(

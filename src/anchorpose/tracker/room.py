@@ -107,7 +107,9 @@ def held_joints(review: Review, frames: Sequence[int]) -> np.ndarray:
 
 
 def review_of(corrections: Corrections) -> Review:
-    """Return the part of a corrections file that tracking needs."""
+    """Return the part of a corrections file that tracking needs: corrected joints, unusable intervals, clocks and
+    floor.
+    """
     by_frame: dict[int, list[JointCorrection]] = {}
     for entry in corrections.joints:
         by_frame.setdefault(entry.frame, []).append(entry)

@@ -3,9 +3,10 @@
 A scene hypothesis is a pose of the patient and of every other person in view, with the label of each pixel. While the
 patient is hidden, prediction and labels may be wrong: a helper who comes into view where the patient was expected gets
 the patient's label, and the patient's own pixels may get the label of a person who touches them. Labels alone cannot
-show this. So all people of the frame are found again without labels, each of them is tried as the patient, and so is
-the hypothesis that the patient is still hidden. The bodies of all people together decide: how much of what the cameras
-read they explain, and how far each person has moved since this person was last seen.
+show this. So all people of the frame are found again, without the labels. Each of them in turn is assumed to be the
+patient; a further hypothesis is that the patient is still hidden. The hypotheses are compared by the bodies of all
+people: how much of the depth readings these bodies explain, and how far each person has moved since this person was
+last seen.
 """
 
 from __future__ import annotations
@@ -45,12 +46,15 @@ from anchorpose.tracker.room import Run
 from anchorpose.tracker.search import NEAR_M, WALK_M_S, LastSeen
 from anchorpose.tracker.sighting import TWO_PEOPLE_M
 
-# m, assumed error of the place of a rough body's trunk, which has average proportions: the depth of half a chest
+# m, assumed error of the place of a bystander's trunk, since the rough body has average proportions; half the depth of
+# a chest
 ROUGH_SIGMA_M: Final = 0.1
-# deviations, in sigmas, up to which a movement costs its square; beyond, the cost grows linearly, since people stumble
+# sigmas; up to this deviation from the expected place, the cost of a movement grows with the square of the deviation.
+# The cost of larger deviations grows linearly, since people stumble
 USUAL: Final = 3.0
-# nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. It also
-# limits the cost of a bystander's movement; twice this cost limits that of a patient who is hidden
+# nats, cost of a bystander who appears or disappears between two frames, assumed to happen once in 400 frames. The cost
+# of a bystander's movement is limited to the same value; the cost of the assumption that the patient is hidden is
+# limited to twice this value
 STRANGE: Final = 6.0
 # (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
 # are often misplaced
@@ -76,8 +80,9 @@ class SceneHypothesis:
         return self.registration.found and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
 
     def ahead_of(self, other: SceneHypothesis) -> float:
-        """Return by how many nats this hypothesis is likelier than another. The difference of the readings is reduced,
-        since errors of body shape and clothes can cause it. All parts of two bodies differ if two people are exchanged.
+        """Return by how many nats this hypothesis is likelier than another. The difference of the two hypotheses'
+        values ``readings`` is reduced (``believed``), since errors of body shape and clothes can cause it. Such errors
+        are assumed in all parts of two bodies, since two people may be exchanged.
         """
         return believed(self.readings - other.readings, 2 * PARTS) + self.movement - other.movement
 
@@ -98,7 +103,7 @@ class ExpectedJoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPeople:
-    """What is known of all people before a frame."""
+    """The data of all people from earlier frames, by which the hypotheses of a frame are compared."""
 
     body: Body
     last: LastSeen
@@ -114,8 +119,8 @@ class KnownPeople:
         return ExpectedJoints(expected, _sigma_m(self.elapsed_s, self.last.gone_s)).cost(joints_m, EVERY)
 
     def hiding(self, views: Sequence[View | None]) -> float:
-        """Return the cost, in nats, of the assumption that the patient is hidden: cameras may see past the predicted
-        pose. The patient may also be hidden elsewhere, so the cost is limited.
+        """Return the cost, in nats, of the assumption that the patient is hidden. It is high if cameras see past the
+        predicted pose (read something farther away). The patient may also be hidden elsewhere, so the cost is limited.
         """
         nobody = person_evidence(views, self.run.room.cameras, PixelLabel.PATIENT)
         past = likelihood(self.body, self.predicted.pose, nobody).total
@@ -128,7 +133,7 @@ class KnownPeople:
 
     @property
     def bystanders(self) -> dict[int, ExpectedJoints]:
-        """Return where each bystander with a body is expected, by label."""
+        """Return the expected joints of each bystander with a fitted body, by the bystander's label."""
         return {
             one.label: ExpectedJoints(
                 one.body.joints(ahead(one, body_points(), self.elapsed_s)),
@@ -143,13 +148,16 @@ class KnownPeople:
         """
         expected, shown = self.bystanders, self.seen.memory.seen_last.keys()
         came = {label: _came(expected.get(label), at) for label, at in joints_m.items()}
-        # a bystander who was in view without a body may be anywhere
+        # a bystander who was in view before, but without a fitted body, may be anywhere, so the movement costs nothing
         new = sum(cost for label, cost in came.items() if label in expected or label not in shown)
         return new + STRANGE * len(self.in_view - joints_m.keys())
 
 
 def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
-    """Return the standard deviation of a person's joints from their expected places, metres: that of predicted skin."""
+    """Return the standard deviation, in metres, of a person's joints around their expected places; the patient's
+    predicted skin gets its uncertainty by the same formula (``patient_likelihood``). elapsed_s: time since the last
+    frame; hidden_s: time for which the person has been hidden.
+    """
     return SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * hidden_s
 
 
@@ -161,8 +169,8 @@ def _came(expected: ExpectedJoints | None, joints_m: np.ndarray | None) -> float
 
 
 def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
-    """Return the likeliest scene hypothesis of a frame. ``now`` and ``found`` are what tracking suggests; another
-    hypothesis replaces them only if it is clearly likelier.
+    """Return the likeliest scene hypothesis of a frame. now, found: the observation and the registration that tracking
+    suggests; another hypothesis replaces them only if it is clearly likelier.
     """
     suggested = _scored(now, found, known)
     others = list(_exchanged(now, known))
@@ -179,13 +187,17 @@ def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -
 
 
 def _best(hypotheses: Sequence[SceneHypothesis]) -> SceneHypothesis:
-    """Return the hypothesis whose smallest lead over the others is largest."""
+    """Return the best of all hypotheses. Each hypothesis has a lead, possibly negative, over every other hypothesis
+    (``ahead_of``); the hypothesis whose smallest lead is largest is the best.
+    """
     leads = [min((one.ahead_of(other) for other in hypotheses if other is not one), default=0.0) for one in hypotheses]
     return hypotheses[int(np.argmax(leads))]
 
 
 def _scored(seen: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:
-    """Return a hypothesis with the log probabilities of its readings and of its movements."""
+    """Return the hypothesis with this observation and this registration of the patient, with the log probabilities of
+    its depth readings and of all people's movements.
+    """
     views, cameras = seen.evidence.views, known.run.room.cameras
     readings, movement = 0.0, -known.hiding(views)
     if found.found:
@@ -206,7 +218,7 @@ def _scored(seen: Observation, found: Registration, known: KnownPeople) -> Scene
 
 def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
     """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. Both
-    hypotheses have the same ``readings``, since the same body explains this person's pixels.
+    hypotheses have the same value ``readings``, since the same body explains this person's pixels.
     """
     at = known.body.joints(of.registration.belief.pose)
     away = {label: one for label, one in known.bystanders.items() if label not in of.joints_m}
@@ -220,7 +232,9 @@ def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
 
 
 def _exchanged(now: Observation, known: KnownPeople) -> Iterator[SceneHypothesis]:
-    """Yield the hypotheses that the patient is one of the people whom the descriptor finds, each of them in turn."""
+    """Yield, for each person whom the learnt descriptor finds near the patient's last place, the hypothesis that this
+    person is the patient. People whom the patient's body does not fit are left out.
+    """
     run = known.run
     crowd = people_of(now.frame_set, run)
     place = known.last.belief.pose.root_m[[0, 2]]
@@ -266,7 +280,7 @@ def _renamed(views: Sequence[View | None], renamed: np.ndarray) -> tuple[View | 
 
 
 def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeople) -> Observation:
-    """Return the observation of the frame with other labels."""
+    """Return the observation of the frame after its person labels were replaced by the labels in ``views``."""
     run, seen = known.run, known.seen
     memory = update_memory(seen.memory, now.pieces, views, run.room.cameras, known.elapsed_s)
     bystanders = see_bystanders(seen.bystanders, views, known.elapsed_s, run)
@@ -275,9 +289,9 @@ def _observed(now: Observation, views: tuple[View | None, ...], known: KnownPeop
 
 
 def _registered(seen: Observation, rough: Pose | None, known: KnownPeople) -> Registration:
-    """Return the patient's registration to other pixels; ``found`` is False if no pose fits. Three poses are tried: the
-    predicted pose, the predicted pose moved to the rough body's place, and the rough body's pose. The likeliest result
-    is returned.
+    """Register the patient's body to the pixels that have the patient's label in ``seen``; ``found`` is False if no
+    pose fits. Three poses are tried: the predicted pose, the predicted pose moved to the place of ``rough`` (pose of a
+    body of average shape fitted to the same pixels), and the pose ``rough``. The likeliest result is returned.
     """
     config, body, predicted = known.run.config.registration, known.body, known.predicted
     starts = [predicted.pose]

@@ -27,7 +27,8 @@ from anchorpose.tracker.start import NoStart
 # inexact
 NEAR_M: Final = 0.5
 WALK_M_S: Final = 1.5  # m/s, speed at which people walk
-# s, time for which hidden skin of bystanders is remembered while the patient is lost, who may reappear at its place
+# s, time for which the hidden skin of bystanders is remembered while the patient is lost; short, since the patient may
+# reappear at the place of this skin
 FORGET_S: Final = 1.0
 RETURN_S: Final = 1.0  # s, minimum time in which a person can walk out of the image, turn round and come back
 # m, width of half a trunk or a head; if the visible strip of a patient at the image border is narrower, the patient is
@@ -82,7 +83,8 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient.since(FORGET_S), now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        # people who came later have this label or a higher label; the last possible label may stand for several people
+        # people who came after the patient was last seen have this label or a higher label; the last possible label may
+        # stand for several people
         self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
         self._met, self._places, self._left = last.met, last.places, left
 
@@ -132,7 +134,7 @@ class Search:
     def expected(self, time_s: float) -> PoseBelief | None:
         """Return the pose in which a lost patient is expected: the last pose, which becomes less certain with time.
         This pose helps to recognise the patient: patients who are hidden behind a therapist do not turn round within a
-        second. None if the patient has walked out of the image.
+        second. The result is None if the patient has walked out of the image.
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
@@ -144,7 +146,7 @@ class Search:
         """Return the people who are not bystanders seen before.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
-        Labels may spread from one person to another who touches them, but the descriptor separates these people.
+        Labels may spread from one person to another who touches them, but the learnt descriptor still finds two people.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)

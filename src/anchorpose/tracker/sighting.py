@@ -1,4 +1,4 @@
-"""Find all people in a frame, each with a rough body, before the patient is chosen."""
+"""Find all people in a frame, each with a rough body (a body of average shape), before the patient is chosen."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-# m; a rough body covers all points that are closer than this to its skin. The distance allows for clothes and errors of
-# the body
+# m; a rough body covers all points that are closer than this to its skin. The maximum distance allows for clothes and
+# for errors of the fitted body
 COVERED_M: Final = 0.10
 # m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
@@ -47,7 +47,7 @@ class Crowd:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoughBody:
-    """The place, heading and fit of a rough body."""
+    """The place, heading and fit of a rough body (a body of average shape that was fitted to a person)."""
 
     place_xz_m: np.ndarray  # (2,) m, place of the pelvis over the floor
     facing_xz: np.ndarray  # (2,) unit vector from the back to the front
@@ -58,7 +58,7 @@ class RoughBody:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """A person and their rough body, which is None if too little is seen."""
+    """A person and their rough body, which is None if too little of the person is seen."""
 
     person: Person
     body: RoughBody | None
@@ -80,7 +80,7 @@ class Sighting:
 
 
 def sight_people(frame_set: FrameSet, scenes: Sequence[Scene]) -> Sighting:
-    """Return the people at one moment, each with a rough body."""
+    """Return the people at one moment, each with a rough body (a body of average shape, fitted to the person)."""
     pieces, cameras = find_all_pieces(frame_set, scenes), [scene.camera for scene in scenes]
     crowd = see_people_apart(pieces, cameras)
     people = crowd.people
@@ -138,7 +138,9 @@ def _owners(pieces: Sequence[Pieces | None], people: People, bodies: Sequence[Ro
 
 
 def rough_body_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> RoughBody | None:
-    """Return the rough body of the person with this label; None if too little of the person is seen."""
+    """Fit a rough body (average shape) to the person with this label, and return it; None if too little of the person
+    is seen.
+    """
     person = rough_person(views, cameras, label)
     return None if person is None else _rough_body(person, views, cameras)
 

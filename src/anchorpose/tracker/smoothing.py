@@ -30,11 +30,11 @@ from anchorpose.tracker.estimate import Estimate
 from anchorpose.tracker.room import Room, Run
 
 FIRST_SPEED_M_S: Final = 1.0  # m/s, standard deviation of a joint's velocity before any observation
-# m, the width of a wrist; a limb is averaged over both passes if their places for each of the limb's joints are closer
+# m, the width of a wrist; a limb is averaged over both passes if the two places of each joint of the limb are closer
 # together than this
 APART_M: Final = 0.06
 # m, half a shoulder breadth; if the trunks of both passes are farther apart than this, all limbs are taken from the
-# pass whose trunk is used
+# pass that gives the trunk
 TRUNK_APART_M: Final = 0.15
 # cost of taking a limb from a pass in a frame, for each joint of the limb that is hidden in this pass; a seen joint
 # costs 0
@@ -45,8 +45,8 @@ SWITCH_COST: Final = 0.2
 # additional cost of switching, per metre that the limb jumps; a jump of 0.2 m costs as much as one lost joint
 SWITCH_COST_PER_M: Final = 10.0
 AT_ONCE: Final = 3  # number of joints smoothed together; all joints of an hour at once would fill the memory
-# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. A hand that starts to
-# reach gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
+# m/s per square root of a second, standard deviation of the change of a joint's velocity in 1 s. The value follows from
+# a hand that starts to reach: it gains a velocity of 1 m/s in 0.25 s, and 1 / sqrt(0.25) = 2
 ACCELERATION: Final = 2.0
 
 
@@ -227,7 +227,7 @@ def _weights_of_back(there: PassCourse, back: PassCourse, lost_sigma_m: float) -
         weight[:, part] = np.where(agree, spread[0] / spread.sum(axis=0), chosen)
         if part == 0:
             split = ~agree
-        # if the passes disagree on the trunk, limbs are taken from the pass whose trunk is used
+        # if the passes disagree on the trunk, the limbs are taken from the pass that gives the trunk
         weight[split, part] = weight[split, 0]
     return weight
 
@@ -276,8 +276,8 @@ def _mixed(there: PassCourse, back: PassCourse, weight: np.ndarray) -> PassCours
 
 
 def _mixed_sigma(there: PassCourse, back: PassCourse, weight: np.ndarray) -> np.ndarray:
-    """Return sigma (t, 21) of the mixture. Disagreement of the passes increases sigma. Agreement does not reduce sigma,
-    since both passes used the same images.
+    """Return sigma (t, 21) of the joints that are mixed from both passes. Disagreement of the passes increases sigma.
+    Agreement does not reduce sigma, since both passes used the same images.
     """
     a = np.where(np.isnan(there.sigma_m), back.sigma_m, there.sigma_m)
     b = np.where(np.isnan(back.sigma_m), there.sigma_m, back.sigma_m)

@@ -40,8 +40,8 @@ SEEN = 0.3
 # maximum rarity (sum of squared joint deviations) of a pose that counts as usual; correct first poses have 15 to 60,
 # wrong poses over 100
 USUAL = 60.0
-# minimum quality of a start in a recording without equipment; correct starts have 0.35, wrong starts in a crowd less
-# than 0.25
+# minimum quality of a start (first pose) in a recording without equipment; correct first poses have 0.35, wrong first
+# poses in a crowd less than 0.25
 LEAST_QUALITY = 0.25
 # minimum seen share of the skin of trunk and head: as much as a face, or as a part of a chest between other people
 LEAST_TRUNK = 0.05
@@ -75,7 +75,9 @@ class NoStart(StrEnum):
 
 
 class Facing(NamedTuple):
-    """The patient's pose in a frame. A longer stretch of the recording has decided which way the patient faces."""
+    """The patient's pose in a frame. Not this frame alone, but a longer stretch of the recording has decided which way
+    the patient faces in this pose.
+    """
 
     pose: Pose
     other: Rival | None  # the opposite facing, with the body learnt for it; None if the longer stretch excludes it
@@ -118,7 +120,8 @@ def find_start(
 def start_as_learnt(
     frame_set: FrameSet, run: Run, choice: PatientChoice, shape: FittedShape, facing: Facing
 ) -> Start | NoStart:
-    """Return the start in a frame from which the body was learnt, or why tracking does not begin in this frame.
+    """Return the start (the patient's first pose) in a frame from which the body was learnt, or why tracking does not
+    begin in this frame.
 
     Poses with the learnt facing are registered: the learnt pose, the first pose in this frame and the pose of the rough
     body. The most probable pose is kept.
@@ -144,10 +147,11 @@ def start_as_learnt(
 def _as_rough(
     body: Body, crowd: Crowd, choice: PatientChoice, seen: Observation, facing: Pose, config: TrackConfig
 ) -> list[Pose]:
-    """Return the registered pose of the patient's rough body; empty if it faces another way than the pose ``facing``.
+    """Return the pose of the patient's rough body (average shape), registered to the frame; empty if this body is
+    turned by more than a right angle relative to the pose ``facing``.
 
-    The rough body was fitted to the pixels that the descriptor assigns to this person, before the fitted bodies of all
-    people decided to whom each pixel belongs.
+    The rough body was fitted to the pixels that the learnt descriptor assigns to the patient, before the fitted bodies
+    of all people decided to whom each pixel belongs.
     """
     rough = crowd.body_at(choice.ground_xz_m)
     if rough is None or facing.faces_away(rough.found.belief.pose):
@@ -157,7 +161,7 @@ def _as_rough(
 
 
 def _likeliest(body: Body, poses: Sequence[Pose], seen: Observation, config: TrackConfig) -> Registration:
-    """Return the most probable of some registered poses, with its belief."""
+    """Return the most probable of some registered poses, with the uncertainty of this pose."""
     found = [posterior(body, pose, vague_belief(pose), seen.evidence, config.registration) for pose in poses]
     return max(found, key=lambda one: log_probability(body, one.belief.pose, seen.evidence) if one.found else -np.inf)
 
@@ -171,14 +175,15 @@ def _start_with(
     facing: Facing | None = None,
     turned: Rival | None = None,
 ) -> Start | None:
-    """Return the start with a registered first pose, after a search for misplaced limbs; None if the pose does not fit.
+    """Return the start of tracking from a registered first pose, after a search for misplaced limbs; None if the pose
+    does not fit.
 
     expected: as in ``find_start``. facing: as in ``start_as_learnt``; if it is given, the search does not turn the body
     round. turned: a pose with the opposite facing, which becomes a rival of the first pose.
     """
     if not found.found:
         return None
-    # the search corrects exchanged left and right limbs, and limbs on which the descriptor found no matches
+    # the search corrects exchanged left and right limbs, and limbs on which the learnt descriptor found no matches
     search = search_limbs(body, found, expected or vague_belief(found.belief.pose), seen.evidence, config.registration)
     others = [*search.rivals, turned]
     if facing is None or not facing.pose.faces_away(search.registration.belief.pose):
@@ -192,16 +197,17 @@ def _start_with(
 def _turned_round(before: PoseBelief, now: Pose) -> bool:
     """Return whether the pelvis has turned farther than is likely since the pose ``before``.
 
-    A person who has turned so far may not be the patient. For example, a helper who was hidden together with the
-    patient often faces the patient. If the patient showed a camera the front, this helper shows the camera the back.
+    A person whose pelvis has turned farther than is likely may not be the patient. For example, a helper who was hidden
+    together with the patient often faces the patient. If the patient showed a camera the front, this helper shows the
+    camera the back.
     """
     turn = before.pose.change_to(now, body_points().moving)[:3]
     return float(turn @ np.linalg.solve(before.covariance[:3, :3], turn)) > TURN_GATE
 
 
 def _turned(first: FirstPose) -> Rival:
-    """Return the rival with the opposite facing. It has the body of the first pose or a body that was fitted for the
-    opposite facing, whichever is likelier.
+    """Return the rival of a first pose: a pose with the opposite facing. It has the body of the first pose or a body
+    that was fitted for the opposite facing, whichever is likelier.
     """
     other = min(first.others, key=first.ahead_of)
     own = None if other.shape is first.shape else build_body(body_points(), other.shape)
@@ -209,7 +215,9 @@ def _turned(first: FirstPose) -> Rival:
 
 
 def start_turned(seen: Observation | None, turned: Rival | None, config: TrackConfig) -> Start | None:
-    """Return the start with the opposite facing in a frame; None if that facing has no body or does not fit."""
+    """Return the start of tracking in a frame with the opposite facing of the patient (``turned``); None if that facing
+    has no body of its own or does not fit.
+    """
     if seen is None or turned is None or turned.body is None:
         return None
     found = posterior(turned.body, turned.belief.pose, turned.belief, seen.evidence, config.registration)
@@ -275,8 +283,8 @@ def hangs(posed: PosedPoints, joints_m: np.ndarray, floor_m: float) -> bool:
 
 
 def quality(start: Start) -> float:
-    """Return the quality of a start, 0 to 1: the share of the patient's surface that lies near the body. It is reduced
-    for each forearm or shank that is hardly seen, and for a rare pose.
+    """Return the quality of a start (first pose), 0 to 1: the share of the patient's surface that lies near the body.
+    The quality is reduced for each forearm or shank that is hardly seen, and for a rare pose.
 
     The pose of a hidden limb is arbitrary, and a limb that is confused with another person's limb in the first frame
     remains confused for long. Rare poses are often wrong: for example, if legs were fitted to the head of a kneeling
@@ -292,7 +300,7 @@ def quality(start: Start) -> float:
 
 
 def _there(body: Body, names: Sequence[str]) -> list[int]:
-    """Return the bones of these names that the body has."""
+    """Return the bones with these names, without the bones of missing limbs."""
     asset = body.points.asset
     bones = [asset.bone(name) for name in names]
     gone = missing_points(asset, np.array(bones), body.shape.missing)
@@ -303,7 +311,7 @@ def turn_round(estimate: Estimate, config: TrackConfig) -> Start | None:
     """Return the start of a pass in the other direction, from the last frame of a pass; None if the patient is lost in
     this frame.
 
-    The start uses only the evidence of this frame, so that both passes are independent.
+    The uncertainty of the start's pose follows from the data of this frame alone, so that both passes are independent.
     """
     seen, belief, shape = estimate.observation, estimate.belief, estimate.shape
     if seen is None or belief is None or shape is None:

@@ -27,12 +27,13 @@ SAME_M: Final = 0.06
 PAST_M: Final = 0.15
 POINTS: Final = 250  # maximum number of points used per person; the sampling error of the share found is then 0.03
 STAYED: Final = 0.6  # minimum share of a person's points found without a step, for the person to count as not walking
-# minimum worth (``_worth``) of a person's predicted skin without a step; if it is reached, no step is needed. It is far
-# below 1, since limbs in front may hide the rest
+# minimum worth (``_worth``) of a person's predicted skin without a step; if it is reached, no step is needed. The
+# minimum is far below 1, since limbs in front may hide the rest of the skin
 PLACED: Final = 0.4
 BETTER: Final = 0.2  # a step is accepted only if it increases the share of points found by at least this
 LEAST: Final = 0.25  # minimum share of the points found after a step; other people may hide the rest
-# reduction of the share of points found, per metre of a step, so that the shorter of two good steps is preferred
+# reduction of the worth of a step (``_worth``), per metre of its length, so that the shorter of two good steps is
+# preferred
 FAR_COST: Final = 0.2
 # maximum number of walking people whose steps are compared jointly; an image has no room for more people
 MOST_WALKERS: Final = 5
@@ -47,10 +48,10 @@ def find_steps(
     """Return each walking person's step over the ground, (3,) metres by label. People who stayed, or are not seen, have
     no entry.
 
-    skin_m: (n, 3) world points per label: the person's skin seen in the last frame. A moved point counts as found if a
-    pixel of a person lies at the point's depth. The point counts as refuted if a camera sees past it (reads something
-    farther away), and as unknown if it is hidden. The combination of steps with which most points are found and fewest
-    refuted is chosen.
+    skin_m: (n, 3) world points per label: the person's skin seen in the last frame. The points are moved by each tried
+    step. A moved point counts as found if a pixel of a person lies at the point's depth. The point counts as refuted if
+    a camera sees past it (reads something farther away), and as unknown if it is hidden. The combination of steps with
+    which most points are found and fewest refuted is chosen.
     """
     shown = [(pixels, projection_of(camera)) for pixels, camera in zip(pieces, cameras, strict=True) if pixels]
     free = [pixels.index >= 0 for pixels, _ in shown]
@@ -126,7 +127,7 @@ def step_onto(
 
 
 def facing_points(points_m: np.ndarray, normals: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """Return the points, out of (n, 3) with normals (n, 3), that face at least one camera."""
+    """Return the points of ``points_m`` (n, 3) that face at least one camera, by their normals (n, 3)."""
     facing = np.zeros(len(points_m), dtype=bool)
     for camera in cameras:
         facing |= ((camera.position_m - points_m) * normals).sum(axis=1) > 0

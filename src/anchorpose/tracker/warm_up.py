@@ -43,7 +43,8 @@ CAMERA: Final = Camera(
 
 
 def start_warm_up() -> subprocess.Popen[bytes]:
-    """Start the second process. The process ends by itself; its result is the cache of compiled kernels.
+    """Start the second process, which compiles the kernels. It ends by itself; its result is the cache of compiled
+    kernels.
 
     If the second process fails, the first process compiles the kernels itself, which only takes longer.
     """
@@ -74,8 +75,8 @@ def warm_up() -> Registration:
 
 
 def _own_skin(points: SkinPoints, posed: PosedPoints) -> Evidence:
-    """Return the evidence of a simulated frame: the skin points that face the camera, as nodes, and the depth image of
-    skin and wall.
+    """Return the data of a simulated frame: the skin points that face the camera, as surface nodes, and the depth image
+    of skin and wall.
     """
     facing = ((CAMERA.position_m - posed.points_m) * posed.normals).sum(axis=1) > 0.0
     seen = posed.points_m[facing]
