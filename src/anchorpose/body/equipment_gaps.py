@@ -87,8 +87,8 @@ def find_equipment_gaps(
     """Return the gaps between the patient's skin and the equipment in one frame.
 
     skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): sigma of each joint, NaN for a lost joint;
-    no gaps are returned for regions of the body with a lost joint. reach_m: maximum distance between equipment and the
-    skin that counts in ``area_m2`` and ``shown``.
+    no gaps are returned for regions of the body with a lost joint. reach_m: maximum distance from the equipment at
+    which skin counts for the fields ``area_m2`` and ``shown`` of the result.
     """
     region, sigma_m = region_of_points(body.points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region] & skin_there(body))
@@ -132,8 +132,8 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (regions,) of each region's skin relative to the equipment, metres. The result is
-    NaN for feet (``FEET``) and for regions with a lost joint. joint_sigma_m (21,): NaN for lost joints.
+    """Return the standard deviation (regions,), metres, of the distance between each region's skin and the equipment.
+    The result is NaN for feet (``FEET``) and for regions with a lost joint. joint_sigma_m (21,): NaN for lost joints.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]

@@ -1,4 +1,4 @@
-"""Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
+"""Measure how well a pose explains a frame, from the frame's depth images alone, without predictions from other frames.
 
 Two quantities show that a limb is misplaced. The first is the area of the patient's seen skin that no part of the posed
 body covers. The second is the share of each limb's skin that a camera sees past, that is, where the camera sees
@@ -24,18 +24,19 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a node to a skin point that covers it; the distance allows for the thickness of clothes, the
+# m; a skin point covers a node if the node is nearer than this; the distance allows for the thickness of clothes, the
 # spacing of skin points and half the thickness of a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # maximum number of nodes that are examined; registration uses the same number of nodes
-# minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable
+# minimum number of a limb's camera-facing skin points; with fewer points, the share of the limb that the camera sees
+# past is unreliable
 LEAST_FACING: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """The measures of how well a pose explains a frame: the nodes that the posed skin covers, and the share of the skin
-    that cameras see past (where they see something farther away).
+    """The measures of how well a pose explains a frame: the nodes (seen points of the patient's skin) that the posed
+    skin covers, and the share of the posed skin that cameras see past (where they see something farther away).
     """
 
     covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
@@ -85,7 +86,7 @@ def seen_past(
 ) -> np.ndarray:
     """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past. A
     camera sees past a skin point if the reading at the point's pixel lies more than ``COVERED_M`` behind the point, or
-    if the pixel shows the background without a reading; hidden skin counts as not seen past.
+    if the pixel shows the background without a reading. Hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -145,8 +146,8 @@ def segment_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the index in ``MOVING_BONES`` of each skin point's bone. If this list lacks the bone, return the
-    index of the bone's nearest listed ancestor.
+    """Return (p,) the index in ``MOVING_BONES`` of the bone that moves each skin point most. If ``MOVING_BONES`` does
+    not contain this bone, return the index of the bone's nearest ancestor in ``MOVING_BONES``.
     """
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}

@@ -53,8 +53,8 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
 # rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
 HIP_EXTENSION: Final = 25.0 * DEGREE
-# minimum variance of each turn that is independent of other turns, as a share of the turn's variance by the textbooks;
-# with this variance, raising only one leg stays probable
+# minimum part of each turn's variance that is independent of all other turns, as a share of the turn's variance by the
+# textbooks; with this part, a pose with only one leg raised stays probable
 OWN_VARIANCE: Final = 0.5
 # rad, flexion of a knee below which a pose is less probable. Knees stop when the leg is straight; the angle at which
 # they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2
@@ -136,7 +136,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
     hidden: indices of the hidden bones in ``MOVING_BONES``. The turns of hidden bones are predicted from the turns of
     visible bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks
-    (``SEEN_SPREAD``) about the rest pose. None: all bones follow the statistics of motion capture.
+    (``SEEN_SPREAD``) about the rest pose. If ``hidden`` is None, all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -208,8 +208,9 @@ def _as_captured(asset: BodyAsset) -> JointRange:
     other turns have the ranges of the textbooks.
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
-    ranges, the spine contributes a quarter of this flexion, with the variance of the spine's own range. (When people
-    sit down, the spine contributes a third of this flexion, Schoberth 1962.)
+    ranges, the spine contributes a quarter of this flexion. The spine may also bend more and both hips less, or vice
+    versa; the variance of such poses is the variance of the spine's own range. (When people sit down, the spine
+    contributes a third of this flexion, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)

@@ -31,12 +31,14 @@ from anchorpose.threads import each
 # clothes and gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds of a search, one for each of the four limbs
-# m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per step of the short
+# registration of every proposed pose
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
-# number of nodes in the short registration of proposed poses; this third of all nodes is enough to distinguish good
-# poses from bad poses
+# maximum number of nodes (points of the seen surface) in the short registration of proposed poses; about a third of the
+# nodes of a full registration is enough to distinguish good poses from bad poses
 TRIAL_NODES: Final = 800
-# m, maximum distance at which a node pulls the skin, per step of the finer registration of the ``BEST`` poses
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per step of the finer
+# registration of the ``BEST`` likeliest poses
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 # m; two poses lead to the same registration if each joint moves by less than this from the first pose to the second
 SAME_M: Final = 0.04
@@ -54,7 +56,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A proposed or present pose and its log probability."""
+    """A pose that the search compares with other poses, and its log probability."""
 
     pose: Pose
     images: float  # nats, log probability given the images and the body priors
@@ -202,8 +204,8 @@ def _register_all(
 ) -> list[Tried]:
     """Return the present pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The present pose is the first of ``poses``. The present pose is also registered: otherwise it could lose to the pose
-    of a turned body only because its limbs lag behind the images.
+    The present pose is the first of ``poses``. The present pose is also registered. Otherwise its limbs could lag
+    behind the images, and the pose of a turned body could win for this reason alone.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

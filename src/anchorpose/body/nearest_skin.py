@@ -15,7 +15,7 @@ MAX_VOXELS: Final = 1_000_000
 
 
 class Voxels(NamedTuple):
-    """Nodes sorted into voxels, which are cubes of one size."""
+    """Nodes (points of the seen surface) sorted into voxels, which are cubes of one size."""
 
     order: np.ndarray  # (n,) int32, indices of the nodes, sorted by voxel
     start: np.ndarray  # (x * y * z + 1,) int32, where each voxel begins in ``order``
@@ -41,8 +41,8 @@ def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
 def sort_by_cell(
     points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``order`` and ``start`` as in ``Voxels``, for points (n, 3) float64; points keep their order within a
-    voxel.
+    """Sort points (n, 3) float64 into voxels, and return the arrays ``order`` and ``start`` of ``Voxels``; points keep
+    their order within a voxel.
     """
     cell, start = np.empty(len(points), np.int64), np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     for node in range(len(points)):
@@ -73,7 +73,7 @@ class Oriented(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Points sorted by cell, contiguous in memory."""
+    """Points of a surface, sorted by the cell of the grid in which they lie, contiguous in memory."""
 
     order: np.ndarray  # (k,) index of each point before sorting
     skin: np.ndarray  # (k, 6) place and normal of each point
@@ -152,7 +152,9 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 if none is within reach."""
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3), whatever their normals; -1 if no point is within
+    reach.
+    """
     nearest = np.full(len(nodes), -1, np.int64)
     grid, places = _grid(Oriented(points, points), np.arange(len(points))), Oriented(nodes, nodes)
     for node in range(len(nodes)):

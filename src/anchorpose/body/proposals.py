@@ -77,7 +77,7 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
     """Yield the pose that fits the learnt descriptor's predictions for the whole body, then the pose with the opposite
     facing, since a wrong facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield
-    nothing: the descriptor found this pose.
+    nothing, since the descriptor has already found this pose.
     """
     if doubted.anchors is None:
         return

@@ -150,8 +150,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): three factors and a constant per bone. For a point of the bone at (x, y, z) in the rest pose,
-    ``factors . (x, y, z) + constant`` is the share of the span's growth by which the point moves.
+    """Return (b, 4): three factors and a constant per bone. If the span grows, a point of the bone at (x, y, z) in the
+    rest pose moves by the share ``factors @ (x, y, z) + constant`` of the growth.
 
     Points of the span move in proportion to their distance along the span from its start; everything beyond the span
     moves as a whole.

@@ -42,7 +42,7 @@ _LIMBS: Final = {
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
     """Return, for each segment that does not look human, by how many metres the seen surface stands off from the learnt
-    body. The segments have the names of ``subject.covered``.
+    body. The keys are the segments' names, as in ``Subject.covered``.
     """
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():

@@ -66,7 +66,7 @@ class SkinReason(IntEnum):
 
 
 class Projection(NamedTuple):
-    """A camera in the form that compiled code needs."""
+    """A camera's pose and lens as arrays, for compiled code."""
 
     T_world_camera: np.ndarray  # (4, 4)
     T_camera_world: np.ndarray  # (4, 4)
@@ -178,7 +178,8 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return column and row (n,), -1 outside the image, and depth z (n,) in metres.
+    """Return the column and row (n,) of each point's pixel, -1 outside the image, and the point's depth z (n,) in
+    metres.
 
     ``Camera.pixel_of`` is the reference implementation.
     """

@@ -101,9 +101,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network; check by a hash that the network is the network that was
-    exported.
-    """
+    """Return the file's description and the network; check by a hash that the network is unchanged since its export."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -195,7 +193,9 @@ def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.n
 
 
 def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Return x and y (2,) of the first ray of the network's image, and the image's width and height in rays."""
+    """Return x and y (2,), at depth 1, of the ray in the first column and row of the network's image, and the image's
+    width and height in rays.
+    """
     flat = rays.reshape(-1, 2)
     low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
     size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
@@ -208,7 +208,7 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
     """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether the pixel has a reading, relief
-    relative to two local means, and 1 / depth.
+    (depth minus the local mean) in two windows (``WINDOWS``), and 1 / depth.
 
     The function ``inputs_of`` in ``tools/train_descriptor.py`` must give the same values.
     """
