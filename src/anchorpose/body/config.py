@@ -63,10 +63,10 @@ class LearningConfig:
     # limbs bend
     window_s: Positive = 4.0
     # s, total duration of the frames from which the shape is learnt; more frames do not improve the shape. After
-    # learning, these frames are tracked again
+    # learning, the frames from which the shape was learnt are tracked again
     longest_s: Positive = 30.0
     # maximum number of frames that are fitted in the first time window (``window_s``); more frames would only repeat
-    # poses. In each later window, half as many are fitted
+    # poses; in each later window, at most half as many frames are fitted
     frame_count: Count = 12
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day
 

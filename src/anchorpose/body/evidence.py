@@ -41,8 +41,8 @@ _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, si
 # m, allowed depth of skin below the floor, since the floor's height and the soles of approximate bodies have errors
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor. With this value, a foot at the height ``_IN_THE_AIR_M`` makes a pose less
-# probable by 3 nats, and a far higher foot by 6 nats. In rehabilitation, 95 of 100 feet stand on the floor, and
+# m, sigma of a foot's height above the floor. With this sigma, a foot at the height ``_IN_THE_AIR_M`` makes a pose less
+# probable by 3 nats, and a far higher foot by 6 nats; in rehabilitation, 95 of 100 feet stand on the floor, and
 # ln(95/5) is 3
 _STANDING_M: Final = 0.14
 # m above the floor, scale of the robust kernel for a foot's height: at this height the cost is half of its limit
@@ -109,10 +109,11 @@ def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
     """Return the number of constraint rows that count as one observation in this frame. The noisier the cameras, the
     larger the number.
 
-    If only clothes and folds cause errors, this number is the setting ``rows_per_observation``. A sensor that smooths
-    its images gives a whole patch of nodes the same error (``node_noise``). So a second term is added for such noise.
-    For each node, the variance of its noise is multiplied by the number of used nodes in its patch. The term is the
-    mean of these products over all nodes, divided by the variance of the surface error (``surface_sigma_m``).
+    If only clothes and folds cause errors, the number of rows that count as one observation is the setting
+    ``rows_per_observation``. A sensor that smooths its images gives a whole patch of nodes the same error
+    (``node_noise``). So a second term is added for such noise. For each node, the variance of its noise is multiplied
+    by the number of used nodes in its patch. The term is the mean of these products over all nodes, divided by the
+    variance of the surface error (``surface_sigma_m``).
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
     noise_m, patch = node_noise(evidence, used)

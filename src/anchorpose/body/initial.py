@@ -43,9 +43,9 @@ class FirstPose:
     belief: ShapeBelief
     log: float  # nats, log probability of pose and shape, given the images and the prior knowledge of bodies
     facing: float  # nats, prior log probability that the patient faces this way (``facing_nats``)
-    # poses in which the patient faces the opposite way. If the patient's shape was known before, two such poses are
-    # listed: the first with this shape, the second with a newly fitted shape. Otherwise only one pose is listed, and
-    # its shape was fitted together with the pose
+    # poses in which the patient faces the opposite way. If the patient's shape was known before, two poses with the
+    # opposite facing are listed, the first with this shape, the second with a newly fitted shape; otherwise only one
+    # pose is listed, and its shape was fitted together with the pose
     others: tuple[FirstPose, ...] = ()
 
     @property

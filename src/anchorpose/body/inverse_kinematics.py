@@ -18,7 +18,7 @@ from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 # m, assumed standard deviation of the given joint places; predicted joint places are means over whole body parts, so a
 # closer fit to them is meaningless
 JOINT_SIGMA_M: Final = 0.01
-# maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction. Random
+# maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction; random
 # errors exceed this ratio in 1 of 400 cases, so the limb of a joint beyond this ratio counts as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose

@@ -57,9 +57,9 @@ HIP_EXTENSION: Final = 25.0 * DEGREE
 # textbooks; with this part, a pose with only one leg raised stays probable
 OWN_VARIANCE: Final = 0.5
 # rad, flexion of a knee below which a pose is less probable. Knees stop when the leg is straight; the angle at which
-# they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2
-# log of the share of people whose knees extend so far. This cost is nearly a parabola that begins at a flexion of one
-# standard deviation
+# they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of a knee's angle is
+# -2 log of the share of people whose knees extend so far; this cost is nearly a parabola that begins at a flexion of
+# one standard deviation
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Limit (rad) up to which the standard deviations of a visible bone's turns are widened: the textbooks' values are
@@ -92,9 +92,10 @@ def captured_turns() -> np.ndarray:
     """Return the matrix (k, 3 m) that maps the rotation vectors of the m moving bones to the k turns that motion
     capture measured, left side first.
 
-    These k turns are all turns of the arms, and the flexions of hips and knees. The joints that motion capture measured
-    do not show how a thigh turns about its long axis or in which direction a foot points. Motion capture measured no
-    joint of the lower back, so the flexion of a hip is measured from the whole trunk to the thigh.
+    The k turns that motion capture measured are all turns of the arms, and the flexions of hips and knees. The joints
+    that motion capture measured do not show how a thigh turns about its long axis or in which direction a foot points.
+    Motion capture measured no joint of the lower back, so the flexion of a hip is measured from the whole trunk to the
+    thigh.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -232,7 +233,7 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     motion capture and an independent variance of each turn, since other people move differently from the people in the
     motion capture. The total variance of a turn is at least its variance by the textbooks.
 
-    expected (k, k): covariance of the same turns by the textbooks.
+    expected (k, k): covariance of ``captured_turns`` by the joint ranges of the textbooks.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -263,8 +264,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
     """Return ``joint_range``, but the mean turn of each shoulder girdle grows with the elevation of its arm in the
     pose.
 
-    Each step of the fit treats the girdle's mean turn as constant, so the mean turn pulls the girdle but not the arm.
-    Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    Each step of the fit treats the shoulder girdle's mean turn as constant, so the mean turn pulls the girdle but not
+    the arm. Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

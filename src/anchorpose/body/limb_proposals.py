@@ -89,9 +89,10 @@ class LimbPath:
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
     """Return a path over each large piece of seen skin that the body does not cover, the largest piece first.
 
-    A path begins at the piece's tip and ends at a root. Roots are the piece's nodes within ``NEIGHBOUR_M`` of a covered
-    node, where the piece meets the covered skin. If a bar, for example, separates the piece from the covered skin, the
-    root is the piece's node nearest to a covered node. The tip is the node farthest from the roots along the piece.
+    A path over a piece of uncovered skin begins at the piece's tip and ends at one of the piece's roots. Roots are the
+    piece's nodes within ``NEIGHBOUR_M`` of a covered node, where the piece meets the covered skin. If a bar, for
+    example, separates the piece from the covered skin, the root is the piece's node nearest to a covered node. The tip
+    is the node farthest from the roots along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:

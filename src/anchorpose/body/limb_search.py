@@ -123,9 +123,9 @@ def search_limbs(
     """Move limbs to the places where the images show them, as long as such a move makes the pose clearly likelier.
     Return the best registration.
 
-    predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
-    the expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of
-    the patient. anchors: the frame's anchors, None for a first pose.
+    predicted: the expected pose; if a limb is found in another place, this pose was wrong. So the search gives the
+    expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of the
+    patient. anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -175,9 +175,9 @@ def _decided(
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
     """Yield each pose of ``others`` except ``now``, and by how many nats the pose ``now`` is likelier than this pose.
 
-    This number is the sum of two differences between the poses: the difference of the log probabilities from images and
-    body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions that the
-    patient faces (``facing_nats``).
+    The number of nats is the sum of two differences between both poses: the difference of the log probabilities from
+    images and body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions
+    that the patient faces (``facing_nats``).
     """
     for one in others:
         if one.pose is not now.pose:

@@ -46,8 +46,9 @@ STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a th
 # second and 2 % after the third
 _SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of solver steps if the initial pose was already fitted to the matches
-# m, scale of the robust kernel of each match's rows (``Constraints.scale_m``). This scale is so large that the kernel
-# has no effect; instead, ``_rows`` enlarges a row's sigma with the distance of its skin point from the target
+# m, scale of the robust kernel of each match's rows (``Constraints.scale_m``). This scale of the robust kernel is so
+# large that the kernel has no effect; instead, ``_rows`` enlarges a row's sigma with the distance of its skin point
+# from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 

@@ -125,8 +125,8 @@ def facing_rows(
     """Return the index of the skin point (m,), the index of the node (m,) and the unit direction of the pull (m, 3) for
     every node with a skin point within reach.
 
-    The direction is the mean of the normals of node and skin point. If node and skin point are farther apart than
-    ``uncovered``, the direction is along the line between them.
+    The direction of the pull is the mean of the normals of node and skin point. If node and skin point are farther
+    apart than ``uncovered``, the direction is along the line between them.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0

@@ -30,8 +30,9 @@ SPACING_M: Final = 0.028  # m, spacing of skin points
 # m, width on the body of the pixels at which the descriptor's predictions are used; the descriptor's grid has this
 # spacing at a distance of 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. The side is
-# the integral of the correlation between the errors at two points over the distance between these points
+# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. The side of
+# this patch of skin is the integral of the correlation between the descriptor's errors at two points over the distance
+# between these points
 NAMED_ALIKE_M: Final = 0.25
 # share of predicted places with an error above three standard deviations, in simulated images and in real images of the
 # data set UTD-MHAD

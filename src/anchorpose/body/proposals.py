@@ -39,7 +39,7 @@ class Doubted:
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
     """Yield the poses that the sources propose, except poses that are much rarer in people than the pose in doubt.
 
-    This excludes, for example, poses in which a hidden leg lies along an arm. Poses with exchanged sides are always
+    Rare poses are, for example, poses in which a hidden leg lies along an arm. Poses with exchanged sides are always
     yielded: the images alone decide whether these poses are better.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL

@@ -25,7 +25,7 @@ from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
 # m; two poses count as the same if no joint lies farther than this from its place in the other pose. Clothes and
-# gripping hands shift estimated joints by as much
+# gripping hands shift estimated joints by as much as this distance
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
@@ -167,8 +167,9 @@ def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: S
     """Return the sigma (21,) per axis of the joints joints_m (21, 3) of the best pose, enlarged because each of the
     rivals may be the true pose.
 
-    The weight of a rival is its likelihood relative to the best pose. The joints of a rival are assumed to have the
-    sigma of the best pose.
+    Each rival enlarges a joint's variance by the squared distance between the rival's joint and the joint of the best
+    pose (a third per axis), weighted by the rival's probability. The joints of a rival are assumed to have the sigma of
+    the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

@@ -20,9 +20,9 @@ from anchorpose.body.standing_off import patches_of
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
 # m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
-# Learnt offsets in real recordings were larger. The values 3.5, 7 and 12 mm were compared: with 7 mm, joints were
-# nearest to the truth (suite ``easy`` of ``benchmarks/run.py``, seeds for tuning), and nearer to the labels of the data
-# set MSR Action3D than with 3.5 mm.
+# In real recordings, the learnt offsets of patches of skin were larger than this. The values 3.5, 7 and 12 mm were
+# compared: with 7 mm, joints were nearest to the truth (suite ``easy`` of ``benchmarks/run.py``, seeds for tuning), and
+# nearer to the labels of the data set MSR Action3D than with 3.5 mm.
 PATCH_SIGMA_M: Final = 0.007
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 # degrees of freedom of Student's t distribution, the prior of all parameters except the whole-body coefficients: 1 in

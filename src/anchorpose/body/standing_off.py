@@ -19,11 +19,12 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
 # m; a segment stands off if the offsets of its patches of skin move its skin points by more than this (95th percentile
-# over the points). With a brace, the percentile was 0.030 to 0.036. Without a brace, the percentile was below 0.020,
-# except for loose trousers, which reach 0.035
+# over the points). For a segment with a brace, the 95th percentile of this movement was 0.030 to 0.036 m; without a
+# brace, it was below 0.020 m, except for loose trousers, which reach 0.035 m
 LEAST_M: Final = 0.020
 # standard deviations of girth; a segment whose girth exceeds its expected girth (``_thicker``) by more than this is too
-# thick. Without braces, the difference between sides was at most 0.9; with a brace, the difference was 2.9 to 6.7
+# thick. Without braces, the girths of both sides' segments differed by at most 0.9 standard deviations; with a brace,
+# by 2.9 to 6.7
 TOO_THICK: Final = 2.0
 # standard deviations of girth above the mean; the expected girth of a segment is the girth of the other side's segment,
 # but at most this, and at least the mean

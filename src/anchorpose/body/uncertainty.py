@@ -142,10 +142,10 @@ def joint_sigma(
     ``finest_patch_m``; a limb is placed midway between its two edges in the image, and each edge has a uniform error
     within such a patch. frame: from ``frame_errors``; None: these errors are left out.
 
-    The covariance treats the errors of all frames as independent. But clothes, person labels and hidden limbs cause the
-    same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So if a
-    joint's variance that follows from ``covariance`` is smaller than the variance that follows from this frame alone,
-    the larger variance is used.
+    The argument ``covariance`` was computed as if the errors of all frames were independent. But clothes, person labels
+    and hidden limbs cause the same error in many frames. For example, a few wrongly labelled pixels may pull a forearm
+    in every frame. So if a joint's variance that follows from ``covariance`` is smaller than the variance that follows
+    from this frame alone, the larger variance is used.
     """
     places, bones = body.mesh.joints(posed.transforms), joint_bones(body.points.asset)
     variance = config.inflation**2 * _variance(body, posed, covariance, bones, places)
@@ -190,11 +190,11 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then gives the skin's place only to within the width of an edge. So all nodes in a square of this width count
-    as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction
-    that the trunk faces is recognised by the difference between the trunk's breadth and depth, and both breadth and
-    depth have an error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their
-    distance from the axis.
+    If edges are blurred, a node (point of the seen surface) gives the skin's place only to within the width of a
+    blurred edge. So all nodes in a square of this width count as one observation. The filters blur every frame in the
+    same way, so earlier frames add no knowledge. The direction that the trunk faces is recognised by the difference
+    between the trunk's breadth and depth, and both breadth and depth have an error of edge_m. So joints off the trunk's
+    axis have an additional error that is proportional to their distance from the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -281,10 +281,11 @@ def unexplained_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
-    Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
-    may lie at the piece's tip instead of its present place. The log odds for this place are the log likelihood that the
-    limb would gain on the piece, minus the log likelihood that the limb would lose at its present place. An elbow or
-    knee may lie at the piece's tip, too; then the log likelihood of the whole limb would be lost.
+    Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root, where the piece
+    meets the covered skin. The limb's end may lie at the piece's tip instead of its present place. The log odds for
+    this place are the log likelihood that the limb would gain on the piece, minus the log likelihood that the limb
+    would lose at its present place. An elbow or knee may lie at the piece's tip, too; then the log likelihood of the
+    whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
