@@ -112,7 +112,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
     each row of ``counted``, the number of skin points of each region at which the row is True.
 
     distance_m, region (n,): for each skin point around the part, its distance from the part and its body region.
-    counted: (3, n) bool.
+    counted (3, n) bool: three selections of these skin points, one per row.
     """
     least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)

@@ -29,7 +29,7 @@ from anchorpose.isolation.view import View
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # maximum number of nodes that are examined; registration uses the same number of nodes
 # minimum number of a limb's camera-facing skin points; with fewer points, the share of the limb that the camera sees
-# past is unreliable
+# past (where it sees something farther away) is unreliable
 LEAST_FACING: Final = 8
 
 
@@ -45,8 +45,8 @@ class Explanation:
     # m2, area of the patient's seen skin that the uncovered nodes of one camera represent; the largest value of all
     # cameras
     uncovered_m2: float
-    # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
-    # too little of the limb is in view
+    # (PARTS,) share of each limb's camera-facing skin that a camera sees past (where it sees something farther away);
+    # the largest value of all cameras; NaN if too little of the limb is in view
     seen_past: np.ndarray
     # (p,) bool, whether the skin point covers a node, that is, is the point nearest to one of the nodes ``covered``
     covering: np.ndarray
@@ -98,8 +98,9 @@ def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
     """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If it is
-    uncertain which way the body faces, this share is more reliable than the largest share of one camera
-    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do.
+    uncertain which way the body faces, this share is more reliable than the largest share of a single camera
+    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do, so the
+    largest share would depend on this camera alone.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -109,8 +110,8 @@ def seen_past_by_all(
 def _seen_past_counts(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, for each camera, how many skin points of each limb (PARTS,) the camera sees past, and how many points the
-    camera could see past.
+    """Yield, for each camera with an image, two numbers of skin points per limb (PARTS,): points that the camera sees
+    past (it sees something farther away there), and points that the camera could see past, as in ``_count_past``.
     """
     limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):

@@ -3,9 +3,10 @@ limb.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
-a reading raises the score, skin that a camera sees past lowers the score, and hidden skin does not change the score.
-Pixels with the person's label beside the rendered skin show clothes, and these pixels raise the score as well.
-Otherwise a taller body, which fills the outline of loose clothes, would be more probable than the correct body.
+a reading raises the score, skin lowers the score if its pixel shows something behind the skin, and hidden skin does not
+change the score. Pixels with the person's label beside the rendered skin show clothes, and these pixels raise the score
+as well. Otherwise a taller body, which fills the outline of loose clothes, would be more probable than the correct
+body.
 """
 
 from __future__ import annotations

@@ -276,8 +276,8 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
     hand and foot anchors that contradict the pose, and at free ends. Free ends are limb ends that were not identified
     as a particular hand or foot.
 
-    A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
-    may belong to any limb.
+    A hand may belong to either arm and a foot to either leg, since left and right are exchanged in a pose that faces
+    the wrong way. A free end may belong to any limb.
     """
     anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [

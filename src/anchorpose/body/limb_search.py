@@ -85,9 +85,9 @@ class Expected:
     def moved(self, joints_m: np.ndarray) -> float:
         """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
-        Each limb, and the trunk, adds the cost of the joint that is farthest from its expected place. The cost has the
-        tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body is turned
-        round has the costs of the trunk and of all limbs.
+        Each limb, and the trunk, contributes the cost of its joint that is farthest from the expected place. The cost
+        has the tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body
+        is turned round has the costs of the trunk and of all limbs.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)

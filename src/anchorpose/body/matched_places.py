@@ -106,7 +106,7 @@ def match_person(matches: Matches) -> MatchedPerson:
     agree with distances between the places of the matched pixels, and repeat both steps.
 
     The distribution of statures serves as a prior, since few or uncertain matches determine a stature poorly. Raises
-    ValueError for fewer than ``LEAST_MATCHES``.
+    ValueError for fewer matches than ``LEAST_MATCHES``.
     """
     points, stature_m, pose = body_points(), MEAN_STATURE_M, None
     for _ in range(_SCALINGS):

@@ -76,7 +76,9 @@ def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
 
 
 def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Return the sum over all rows of the squared deviation, limited by the row's robust kernel."""
+    """Return the sum over all rows of the squared deviation (residual divided by sigma), limited by the row's robust
+    kernel.
+    """
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 

@@ -1,10 +1,10 @@
 """Define changes of the body's shape, called directions, by which a single segment becomes longer, thicker or larger.
 
-The shipped asset's coefficients change all segments together, left and right equally. Each direction in this module
-changes a single segment of the mean adult. A direction of length stretches the segment along its axis and shifts
-everything beyond its end. A direction of girth moves the skin away from the axis. A direction of size enlarges a hand,
-a foot or the head. A bulge moves a region of the trunk's skin. One unit of a direction's coefficient is one standard
-deviation among people of the same height (``shape_prior``).
+The shape coefficients of the shipped body asset change all segments together, left and right equally. Each direction in
+this module changes a single segment of the mean adult. A direction of length stretches the segment along its axis and
+shifts everything beyond its end. A direction of girth moves the skin away from the axis. A direction of size enlarges a
+hand, a foot or the head. A bulge moves a region of the trunk's skin. One unit of a direction's coefficient is one
+standard deviation among people of the same height (``shape_prior``).
 """
 
 from __future__ import annotations

@@ -322,10 +322,10 @@ def before_lost_ends(
     """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``), and for
     their wrists and ankles.
 
-    If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
-    lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as an additional
-    error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The same holds for
-    ankle and foot.
+    If cameras see past the place of a hand, the forearm of this hand may have been fitted to another person's arm. So
+    the wrist of a lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as
+    an additional error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The
+    same holds for ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:

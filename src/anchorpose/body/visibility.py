@@ -110,8 +110,8 @@ def joint_states(
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A
-    joint is lost if some camera sees past more of the skin around the joint than is hidden from this camera or outside
-    its image, and no camera sees the patient there.
+    joint is lost if no camera sees the patient at the joint, and some camera reads something farther away at more of
+    the skin points around the joint than are hidden from this camera or outside its image.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible, refuted = (np.zeros(JOINT_COUNT, dtype=bool) for _ in range(3))

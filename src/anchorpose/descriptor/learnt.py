@@ -49,7 +49,8 @@ REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of t
 class Described(NamedTuple):
     """The descriptor's outputs for the pixels on a grid of (h, w) rays, which are a hundredth of a focal length apart.
 
-    place, error and pelvis_m are NaN if the probability of a person is below a half.
+    The fields ``place``, ``error`` and ``pelvis_m`` are NaN if the probability that the pixel shows a person is below a
+    half.
     """
 
     row: np.ndarray  # (h, w) int64, row of each ray's pixel in the image, 0 without a reading
