@@ -45,7 +45,7 @@ class RegistrationConfig:
     # maximum number of nodes used in a registration; this number is enough to find the ``POSE_SIZE`` parameters of a
     # pose, and more nodes would only cost time
     node_count: Count = 2500
-    # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
+    # m, standard deviation of a node's distance from the posed skin, due to clothes and the sensor's error
     surface_sigma_m: Positive = 0.010
     # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0

@@ -61,10 +61,11 @@ class EquipmentGaps:
     # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside the part
     gap_m: np.ndarray
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
-    # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
+    # (n,) float32, area of the region's skin that is nearer to the part than ``reach_m``, an argument of
+    # ``find_equipment_gaps``
     area_m2: np.ndarray
-    # (n,) float32, share of seen points among the camera-facing skin points within ``reach_m``; 0 if no point faces a
-    # camera
+    # (n,) float32, share of seen points among the region's camera-facing skin points within ``reach_m`` of the part; 0
+    # if none of these points faces a camera
     shown: np.ndarray
 
 

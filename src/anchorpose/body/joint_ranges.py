@@ -2,8 +2,9 @@
 
 If only the range of each joint were known, a hidden leg of a seated person would be estimated to hang straight. But the
 joints of one limb bend together, and so do the joints of the left and right limbs. These correlations were measured in
-motion capture of rehabilitation exercises (``tools/measure_limb_turns.py``). The correlations predict hidden parts of
-limbs and decide which of two poses is likelier. The correlations do not affect visible parts.
+motion capture of rehabilitation exercises (``tools/measure_limb_turns.py``). The correlations serve to predict the
+rotations of hidden parts of limbs, and to decide which of two poses is likelier. The correlations do not affect visible
+parts.
 """
 
 from __future__ import annotations
@@ -72,7 +73,9 @@ increased the error of seated people's thighs in real depth images (UTD-MHAD) by
 
 
 class LimbTurns(NamedTuple):
-    """Statistics, measured by motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
+    """Statistics, measured by motion capture, of k rotations of arms and legs: the turns that ``captured_turns``
+    selects.
+    """
 
     mean: np.ndarray  # (k,) rad, mean of each turn
     covariance: np.ndarray  # (k, k) covariance of the turns

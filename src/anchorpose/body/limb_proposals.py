@@ -38,7 +38,7 @@ NEIGHBOUR_M: Final = 0.05
 # m2, minimum area of an uncovered piece of skin, the size of a few fingers; smaller pieces are due to clothes
 SMALLEST_M2: Final = 0.002
 # maximum number of uncovered pieces of skin that are examined at a time, enough for two arms and a leg; smaller pieces
-# are examined when larger pieces are covered
+# are examined once the body covers the larger pieces
 MOST_PIECES: Final = 3
 # maximum number of rounds, each of three solver steps; a limb that must turn by half a circle needs several rounds
 TURNS: Final = 4

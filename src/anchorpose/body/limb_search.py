@@ -204,8 +204,8 @@ def _register_all(
 ) -> list[Tried]:
     """Return the present pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The present pose is the first of ``poses``. The present pose is also registered. Otherwise its limbs could lag
-    behind the images, and the pose of a turned body could win for this reason alone.
+    The present pose, which the other poses may replace, is the first of ``poses``. The present pose is also registered.
+    Otherwise its limbs could lag behind the images, and the pose of a turned body could win for this reason alone.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

@@ -86,7 +86,8 @@ class Grid(NamedTuple):
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """Return the skin point (n,) int64 nearest to each node, -1 if no skin point is nearer than reach.
+    """Return the skin point (n,) int64 nearest to each node (point of the seen surface), -1 if no skin point is nearer
+    than reach.
 
     Only skin that faces the node's camera is used. The distance is computed between vectors of six numbers: the place,
     and the normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras'

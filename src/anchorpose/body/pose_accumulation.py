@@ -77,9 +77,9 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
-    (moving bones that carry a point), and torque and force (m, 6) on each carrier. The force of a row is its weighted
-    residual along its direction.
+    """Return two sums over all constraint rows, with torques about the world's origin: the second moments (m, m, 6, 6)
+    for each pair of carriers (moving bones that carry a point), and the torque and force (m, 6) on each carrier. The
+    force of a row is its weighted residual along its direction.
 
     For each pair of carriers of a skin point, the loop adds the moments in one order of the pair only; ``_mirror`` then
     adds up the moments of both orders.

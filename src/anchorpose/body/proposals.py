@@ -67,8 +67,9 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """Yield poses with a limb laid along a geodesic path. The path begins at an anchor that contradicts the pose, or at
-    an end of the surface (paper, Definition 2) that was not identified as an anchor.
+    """Yield poses with a limb laid along a geodesic path (a shortest path over the seen surface). The path begins at an
+    anchor that contradicts the pose, or at an end of the surface (paper, Definition 2) that was not identified as an
+    anchor.
     """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)

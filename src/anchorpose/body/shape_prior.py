@@ -70,12 +70,12 @@ class ShapeBelief:
 
     @property
     def information(self) -> np.ndarray:
-        """Return the inverse covariance (s, s) of the parameters, at the most likely shape."""
+        """Return the inverse covariance (s, s) of the free parameters, at the most likely shape."""
         return self._prior_at(self.shape) + self.seen
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the covariance (s, s) of the parameters, at the most likely shape."""
+        """Return the covariance (s, s) of the free parameters, at the most likely shape."""
         return _covariance(self)
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:

@@ -19,8 +19,8 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
 # m; a segment stands off if the offsets of its patches of skin move its skin points by more than this (95th percentile
-# over the points). For a segment with a brace, the 95th percentile of this movement was 0.030 to 0.036 m; without a
-# brace, it was below 0.020 m, except for loose trousers, which reach 0.035 m
+# over the points). For a segment with a brace, the 95th percentile of the skin points' movement was 0.030 to 0.036 m;
+# without a brace, it was below 0.020 m, except for loose trousers, which reach 0.035 m
 LEAST_M: Final = 0.020
 # standard deviations of girth; a segment whose girth exceeds its expected girth (``_thicker``) by more than this is too
 # thick. Without braces, the girths of both sides' segments differed by at most 0.9 standard deviations; with a brace,
@@ -80,7 +80,9 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
 
 @lru_cache(maxsize=4)  # cached, since all frames have the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """Return (21,) metres per axis: the additional sigma of each joint whose segment stands off; 0 for other joints."""
+    """Return (21,) metres per axis: the additional sigma of each joint of a segment that does not look human
+    (``standing_off``); 0 for other joints.
+    """
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):

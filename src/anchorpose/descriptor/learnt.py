@@ -152,8 +152,8 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return ``describe`` of an image. The results for the last images are kept in memory, since several stages need
-    them.
+    """Return the descriptor's outputs for an image, as ``describe`` computes them. The results for the last images are
+    kept in memory, since several stages need them.
 
     An image must not be changed after it was described, since this function recognises an image by its identity and not
     by its content. Raises InputError with the camera's name if ``describe`` raises an error.
