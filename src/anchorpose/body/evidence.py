@@ -168,9 +168,9 @@ def outline_constraints(
     """Return rows that pull skin points that should be seen, but are not, to the patient's outline.
 
     If a pixel shows the background or another person, the patient's skin cannot be in front of what the pixel shows,
-    since the camera would see this skin instead. A skin point that the pose puts there is pulled sideways, at its own
-    depth, to the nearest pixel of ``outline``, where the patient is seen or may be hidden. Skin points at pixels with
-    any other label, such as equipment or no reading, get no row.
+    since the camera would see this skin instead. A skin point at such a place is pulled sideways, at its own depth, to
+    the nearest pixel of ``outline``, where the patient is seen or may be hidden. Skin points at pixels with any other
+    label, such as equipment or no reading, get no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
