@@ -44,8 +44,8 @@ ADULT_COMPONENTS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyAsset:
-    """A skinned triangle mesh in the rest pose; k shape coefficients change the mesh linearly. Axes: X forward, Y up, Z
-    right; metres.
+    """A skinned triangle mesh in the rest pose; k shape coefficients change the mesh linearly. Coordinates are in
+    metres: X points forward, Y up and Z to the right.
     """
 
     vertices: np.ndarray  # (v, 3) skin of the mean adult
@@ -73,8 +73,8 @@ class BodyAsset:
 
     @property
     def common_count(self) -> int:
-        """Return the number of coefficients that change the whole body, left and right equally; these coefficients come
-        first.
+        """Return the number of shape coefficients that change the whole body, left and right equally; these
+        coefficients come before the coefficients of single segments.
         """
         return len(self.vertex_basis) - len(self.own_names)
 
@@ -93,7 +93,9 @@ class BodyAsset:
 
 @cache
 def stored_asset() -> BodyAsset:
-    """Return the asset that ships with the package. All shape coefficients of this asset change the whole body."""
+    """Return the asset that ships with the package. All shape coefficients of this asset change the whole body; none
+    changes a single body segment alone.
+    """
     with resources.files("anchorpose.body").joinpath("data/body.npz").open("rb") as stream, np.load(stream) as stored:
         weights = stored["skin_weights"].astype(np.float64)
         return BodyAsset(
@@ -116,7 +118,7 @@ def stored_asset() -> BodyAsset:
 
 @cache
 def joint_bones(asset: BodyAsset) -> np.ndarray:
-    """Return (21,) int, read only: index of the bone that carries each joint, in the order of ``JOINT_NAMES``."""
+    """Return (21,) int, read only: index of the bone to which each joint is fixed, in the order of ``JOINT_NAMES``."""
     bones = np.array([asset.bone(JOINT_BONES[name]) for name in JOINT_NAMES])
     bones.setflags(write=False)
     return bones

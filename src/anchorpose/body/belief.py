@@ -11,8 +11,7 @@ from anchorpose.body.joint_ranges import turns_together
 from anchorpose.body.pose import DEGREE, LIMB_OF_BONES, POSE_SIZE, SEGMENT_OF_BONES, TRUNK, Pose
 from anchorpose.body.segments import load_body_asset
 
-# s; if a predicted pose proves wrong, its uncertainty is increased by as much as it grows in this time without
-# observations
+# s; if a predicted pose proves wrong, its uncertainty is increased as if no camera had seen the patient for this time
 UNSEEN_S: Final = 4.0
 
 
@@ -77,14 +76,15 @@ and thighs by 26 (root mean square), and the pelvis moves 0.09 m along each axis
 
 
 def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
-    """Return the belief in a frame's pose before the images of this frame are used. Standard deviations are half a
-    radian per bone and a quarter of a metre for the pelvis, or less for parts that earlier frames showed.
+    """Return the belief in a frame's pose before the images of this frame are used. The standard deviation is half a
+    radian for each bone's turn about each axis, and a quarter of a metre for the pelvis along each axis; it is less for
+    parts that earlier frames showed.
 
     unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk. Its columns are the lower trunk, and
     the chest with neck and head. Each other row is a limb. Its columns are the part above the elbow or knee, and the
-    part below. The shorter the time since a part was last seen, the smaller the part's standard deviation. inf means
-    that the part was never seen. 0 means that this frame shows the part; then earlier frames are not used for this
-    part. None stands for 0 in all parts.
+    part below. The shorter the time since a part was last seen, the smaller the part's standard deviation. The value
+    inf means that the part was never seen. The value 0 means that this frame shows the part; then earlier frames do not
+    reduce the part's standard deviation. If ``unseen_s`` is None, this frame counts as showing all parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

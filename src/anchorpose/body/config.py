@@ -18,7 +18,8 @@ class Source(StrEnum):
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
-    # ends of limbs, found by distances along the surface; not every end is recognised as a hand or foot
+    # ends of limbs, which are found by distances along the seen surface; not every end is identified as a particular
+    # hand or foot
     ANCHORS = "anchors"
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
     # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
@@ -38,16 +39,18 @@ class RegistrationConfig:
     found in the frame) and by nodes that the track tree matched between frames. Anchors and matches have errors of
     centimetres, so later steps use only the surface."""
 
-    # minimum number of nodes for a registration; a whole patient shows about 3,500, a hand alone shows fewer than this
+    # minimum number of nodes (seen points of the patient's skin) for a registration; a whole patient has about 3,500
+    # nodes, a hand alone has fewer than this minimum
     least_nodes: Count = 150
-    # maximum number of nodes used; enough for the ``POSE_SIZE`` parameters of a pose, and more nodes would only cost
-    # time
+    # maximum number of nodes used in a registration; this number is enough to find the ``POSE_SIZE`` parameters of a
+    # pose, and more nodes would only cost time
     node_count: Count = 2500
-    # m, standard deviation of a node's distance from the skin, due to clothes and the sensor's error
+    # m, standard deviation of a node's distance from the posed skin, due to clothes and the sensor's error
     surface_sigma_m: Positive = 0.010
     # number of neighbouring nodes that count as one observation, since neighbours share errors
     rows_per_observation: Positive = 8.0
-    # sources of other poses for a pose in doubt; the default is all sources, and fewer sources serve to compare methods
+    # sources of other poses for a pose in doubt; by default all sources are used, but a comparison of methods may leave
+    # sources out
     sources: tuple[Source, ...] = tuple(Source)
 
 
@@ -60,9 +63,10 @@ class LearningConfig:
     # limbs bend
     window_s: Positive = 4.0
     # s, total duration of the frames from which the shape is learnt; more frames do not improve the shape. After
-    # learning, these frames are tracked again
+    # learning, the frames from which the shape was learnt are tracked again
     longest_s: Positive = 30.0
-    # maximum number of frames of the first window that are fitted; more frames would only repeat poses
+    # maximum number of frames that are fitted in the first time window (``window_s``); more frames would only repeat
+    # poses; in each later window, at most half as many frames are fitted
     frame_count: Count = 12
     height_sigma_m: Positive = 0.01  # m, sigma of the measured standing height, which varies with shoes and time of day
 
@@ -84,6 +88,6 @@ class UncertaintyConfig:
 
     # m, minimum sigma of a joint: joints lie inside the body, and the learnt shape does not place them better than this
     floor_m: Positive = 0.0035
-    # factor on the sigma from the posterior; below 1, since the errors of neighbouring nodes are less alike than
-    # registration assumes
+    # factor by which the sigma that follows from the posterior covariance is multiplied; below 1, since the errors of
+    # neighbouring nodes are less similar than registration assumes
     inflation: Positive = 0.65

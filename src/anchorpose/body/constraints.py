@@ -1,4 +1,6 @@
-"""Build constraints that pull points of the posed skin to places or surfaces, such as hands and feet to the anchors."""
+"""Build constraints that pull points of the posed skin to places or surfaces, for example the tips of hands and feet to
+the anchors (head, hands and feet found in a frame).
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,8 @@ from anchorpose.camera import Camera
 from anchorpose.geodesics.anchors import Anchors
 from anchorpose.surface.surface import Nodes
 
-# m; in the search for the skin point nearest to a node, an angle of 60 degrees between the normals of both counts as
-# much as this distance
+# m; in the search for the skin point nearest to a node, an angle of 60 degrees between the normals of node and skin
+# point counts as much as this distance
 NORMAL_WEIGHT_M: Final = 0.10
 # m, spacing of skin points; a node farther than this from all skin points counts as not covered by the body
 UNCOVERED_M: Final = 0.03
@@ -25,8 +27,8 @@ UNCOVERED_M: Final = 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraints:
-    """Equations on the posed skin. Each row demands ``direction . (skin point - target) = 0``, up to an error of
-    ``sigma_m``.
+    """Linear equations on the places of posed skin points. Each row demands that the vector from the target to the skin
+    point has no component along ``direction``, up to an error of ``sigma_m``.
     """
 
     point: np.ndarray  # (n,) index into the skin points
@@ -43,7 +45,7 @@ class Constraints:
     def alike(
         point: np.ndarray, target_m: np.ndarray, direction: np.ndarray, sigma_m: float, scale_m: float
     ) -> Constraints:
-        """Return rows that all have the same sigma and scale."""
+        """Return constraint rows that all have the same standard deviation and the same scale of the robust kernel."""
         count = len(point)
         return Constraints(point, target_m, direction, np.full(count, sigma_m), np.full(count, scale_m))
 
@@ -55,7 +57,9 @@ class Constraints:
         return np.einsum("ij,ij->i", posed.points_m[self.point] - self.target_m, self.direction)
 
     def weights(self, residual_m: np.ndarray) -> np.ndarray:
-        """Return the weight (n,), 1/m2, of each row by Geman and McClure's kernel (doi:10.1007/978-1-4612-3732-0)."""
+        """Return the weight (n,), 1/m2, of each row; large residuals reduce the weight, by the robust kernel of Geman
+        and McClure (doi:10.1007/978-1-4612-3732-0).
+        """
         return 1.0 / (self.sigma_m * (1.0 + (residual_m / self.scale_m) ** 2)) ** 2
 
 
@@ -86,7 +90,9 @@ def surface_constraints(
 def rows_of_nodes(
     posed: PosedPoints, surface: Nodes, cameras: Sequence[Camera], reach_m: float, config: RegistrationConfig
 ) -> tuple[Constraints, np.ndarray]:
-    """Return the rows of ``surface_constraints``, and for each row the index (n,) of the node that pulls."""
+    """Return the rows of ``surface_constraints``, and for each row the index (n,) of the node of the surface that pulls
+    the row's skin point.
+    """
     chosen, nodes, seen_from = _nodes_for_kernels(surface, config.node_count)
     point, node, direction = facing_rows(
         Oriented(posed.points_m, posed.normals),

@@ -169,11 +169,12 @@ SIDES = ("Left", "Right")
 PLACES: Final = 6
 # s; a foot counts as standing if it was seen at rest for about this time; in a step, the sole rests for less time
 STILL_S: Final = 0.4
-# m, maximum movement of the ankle of a foot at rest: the estimated place of a visible ankle has this error
+# m; a foot is at rest if its ankle moves by less than this, which is the error of the estimated place of a visible
+# ankle
 STILL_M: Final = 0.03
 SIGMA_M: Final = 0.02  # m, standard deviation of a standing foot's place when the foot becomes hidden
-# m/s, growth of the standard deviation ``SIGMA_M`` while the foot is hidden; in two seconds it grows by the length of a
-# small step
+# m/s; while a foot is hidden, the standard deviation of its place grows from ``SIGMA_M`` at this rate, in two seconds
+# by the length of a small step
 DRIFT_M_S: Final = 0.05
 # m; a hidden foot is assumed to stand if the pose puts it less than this height above the floor; the height allows for
 # errors of the pose

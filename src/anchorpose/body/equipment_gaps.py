@@ -61,10 +61,11 @@ class EquipmentGaps:
     # (n,) float32, minimum distance from the region's skin to the part's surface, negative inside the part
     gap_m: np.ndarray
     sigma_m: np.ndarray  # (n,) float32, standard deviation of the gap
-    # (n,) float32, area of the region's skin within ``reach_m`` of the part (an argument of ``find_equipment_gaps``)
+    # (n,) float32, area of the region's skin that is nearer to the part than ``reach_m``, an argument of
+    # ``find_equipment_gaps``
     area_m2: np.ndarray
-    # (n,) float32, share of seen points among the camera-facing skin points within ``reach_m``; 0 if no point faces a
-    # camera
+    # (n,) float32, share of seen points among the region's camera-facing skin points within ``reach_m`` of the part; 0
+    # if none of these points faces a camera
     shown: np.ndarray
 
 
@@ -87,8 +88,8 @@ def find_equipment_gaps(
     """Return the gaps between the patient's skin and the equipment in one frame.
 
     skin_m (p, 3): the posed skin points in the world. joint_sigma_m (21,): sigma of each joint, NaN for a lost joint;
-    no gaps are returned for regions of the body with a lost joint. reach_m: maximum distance between equipment and the
-    skin that counts in ``area_m2`` and ``shown``.
+    no gaps are returned for regions of the body with a lost joint. reach_m: maximum distance from the equipment at
+    which skin counts for the fields ``area_m2`` and ``shown`` of the result.
     """
     region, sigma_m = region_of_points(body.points), region_sigma(joint_sigma_m)
     known = np.flatnonzero(np.isfinite(sigma_m)[region] & skin_there(body))
@@ -112,7 +113,7 @@ def _of_part(part: int, distance_m: np.ndarray, region: np.ndarray, counted: np.
     each row of ``counted``, the number of skin points of each region at which the row is True.
 
     distance_m, region (n,): for each skin point around the part, its distance from the part and its body region.
-    counted: (3, n) bool.
+    counted (3, n) bool: three selections of these skin points, one per row.
     """
     least = np.full(len(REGIONS), np.inf)
     np.minimum.at(least, region, distance_m)
@@ -132,8 +133,8 @@ def _inside(skin_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray) -> np.nda
 
 
 def region_sigma(joint_sigma_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (regions,) of each region's skin relative to the equipment, metres. The result is
-    NaN for feet (``FEET``) and for regions with a lost joint. joint_sigma_m (21,): NaN for lost joints.
+    """Return the standard deviation (regions,), metres, of the distance between each region's skin and the equipment.
+    The result is NaN for feet (``FEET``) and for regions with a lost joint. joint_sigma_m (21,): NaN for lost joints.
     """
     variance = joint_sigma_m**2
     sigma = [variance[REGION_JOINTS[name]].max() if name in REGION_JOINTS else np.nan for name in REGIONS]

@@ -41,9 +41,9 @@ _ALLOWED_M: Final = 0.01  # m, allowed depth of one body part inside another, si
 # m, allowed depth of skin below the floor, since the floor's height and the soles of approximate bodies have errors
 _ALLOWED_FLOOR_M: Final = 0.03
 _SIGMA_M: Final = 0.01  # m, sigma of the rows that push skin out of other body parts and out of the floor
-# m, sigma of a foot's height above the floor. A pose becomes less probable by 3 nats with a foot at the height
-# ``_IN_THE_AIR_M``, and by 6 nats with a far higher foot: in rehabilitation 95 of 100 feet stand on the floor, and
-# ln(95 / 5) is 3
+# m, sigma of a foot's height above the floor. With this sigma, a foot at the height ``_IN_THE_AIR_M`` makes a pose less
+# probable by 3 nats, and a far higher foot by 6 nats; in rehabilitation, 95 of 100 feet stand on the floor, and
+# ln(95/5) is 3
 _STANDING_M: Final = 0.14
 # m above the floor, scale of the robust kernel for a foot's height: at this height the cost is half of its limit
 _IN_THE_AIR_M: Final = 0.5
@@ -77,12 +77,13 @@ def gather_evidence(
 
 
 def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sigma (n,) of each node's place along its normal, metres, and the number (n,) of the patch to which
-    the node belongs. Nodes of one patch share one error.
+    """Return the sigma (n,), metres, of each node's place along its normal, due to the noise of the node's camera. Also
+    return the number (n,) of the patch of pixels to which each node belongs. All nodes of a patch share one error.
 
-    thinned: share of the nodes that are used. If few nodes are used, each node may represent more pixels than share one
-    error. In this case, denoising averages the errors of the node's pixels, so the node is a patch of its own, with
-    less noise. Sigma is 0 if the camera's noise is unknown.
+    thinned: share of the nodes that are used. If few nodes are used, a node may represent more pixels than a patch has.
+    In this case, denoising averages the errors of several patches in the node. The node then has less noise and shares
+    its error with no other node, so its patch contains this node alone. Sigma is 0 if the noise of the node's camera is
+    unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -105,12 +106,13 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
 
 
 def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
-    """Return the number of constraint rows that count as one observation in this frame. This number includes the effect
-    of the cameras' noise.
+    """Return the number of constraint rows that count as one observation in this frame. The noisier the cameras, the
+    larger the number.
 
-    The setting ``rows_per_observation`` is this number if only clothes and folds cause errors. A sensor that smooths
-    its images gives a whole patch of nodes the same error (``node_noise``). So a second term is added: the mean, over
-    all nodes, of the number of used nodes in the node's patch times the variance of the node's noise, divided by the
+    If only clothes and folds cause errors, the number of rows that count as one observation is the setting
+    ``rows_per_observation``. A sensor that smooths its images gives a whole patch of nodes the same error
+    (``node_noise``). So a second term is added for such noise. For each node, the variance of its noise is multiplied
+    by the number of used nodes in its patch. The term is the mean of these products over all nodes, divided by the
     variance of the surface error (``surface_sigma_m``).
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
@@ -122,10 +124,10 @@ def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
 def evidence_rows(
     body: Body, pose: Pose, evidence: Evidence, reach_m: float, config: RegistrationConfig
 ) -> Constraints:
-    """Return all constraint rows for a pose. Nodes within reach_m pull the skin. Skin points that a camera should see,
-    but does not, are pulled to the patient's outline. Forearms and hands are pushed out of the trunk, and the left
-    shank out of the right shank. Skin more than ``_ALLOWED_FLOOR_M`` below the floor is pulled up to this depth, and
-    feet are pulled to the floor.
+    """Return all constraint rows for a pose. Each node of the seen surface pulls the skin point nearest to the node, if
+    this point is within reach_m. Skin points that a camera should see, but does not, are pulled to the patient's
+    outline. Forearms and hands are pushed out of the trunk, and the left shank out of the right shank. Skin more than
+    ``_ALLOWED_FLOOR_M`` below the floor is pulled up to this depth, and feet are pulled to the floor.
     """
     posed = pose_points(body, pose)
     rows = [surface_constraints(posed, evidence.surface, evidence.cameras, reach_m, config)]
@@ -144,8 +146,8 @@ def find_outline(view: View) -> np.ndarray | None:
     view.
 
     The patient may be hidden behind equipment, behind another person, and at pixels without a reading. The patient
-    cannot be at a pixel that shows the background or a person farther from the camera. The thin rim of lost and wrong
-    readings along every silhouette counts as background.
+    cannot be at a pixel that shows the background, or another person farther from the camera than the patient. The thin
+    rim of lost and wrong readings along every silhouette counts as background.
     """
     import cv2
 
@@ -165,9 +167,10 @@ def outline_constraints(
 ) -> Constraints:
     """Return rows that pull skin points that should be seen, but are not, to the patient's outline.
 
-    If a pixel shows the background or another person, no skin of the patient can be in front of them: the camera would
-    see the patient. A skin point there is pulled sideways, at its own depth, to the nearest pixel of ``outline``, where
-    the patient is seen or may be hidden. Skin points at pixels of equipment or without a reading get no row.
+    If a pixel shows the background or another person, the patient's skin cannot be in front of what the pixel shows,
+    since the camera would see this skin instead. A skin point at such a place is pulled sideways, at its own depth, to
+    the nearest pixel of ``outline``, where the patient is seen or may be hidden. Skin points at pixels with any other
+    label, such as equipment or no reading, get no row.
     """
     point, target, direction = _stray_rows(
         posed.points_m, projection_of(camera), view.labels, view.depth_m, outline, camera.pixel_rays(), reach_m
@@ -185,8 +188,9 @@ def _stray_rows(
     rays: np.ndarray,
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows of ``outline_constraints``: index of the skin point (n,), target and unit direction (n, 3). Skin
-    points are left out if no pixel within three times ``reach`` is True in ``possible``.
+    """Return the rows of ``outline_constraints``: the index (n,) of each row's skin point, the target (n, 3) and the
+    unit direction (n, 3) of the pull. A skin point gets no row if it would have to move farther than three times
+    ``reach`` to a pixel that is True in ``possible``, the patient's outline.
     """
     column, row, distance = pixels_of(points, projection, labels.shape[0], labels.shape[1])
     T_world_camera, focal_px = projection.T_world_camera, max(projection.lens[0], projection.lens[1])
@@ -218,8 +222,9 @@ def _stray_rows(
 
 @njit(cache=True, nogil=True)
 def _stray(label: int, depth: float, farthest: float) -> bool:
-    """Return whether a pixel shows the background or another person farther away than ``farthest``. Such pixels without
-    a reading count, too. farthest: the maximum depth of the patient's skin at this pixel.
+    """Return whether a pixel shows the background or another person farther away than ``farthest``. A pixel that has
+    one of these labels but no reading counts as farther away, too. farthest: the maximum depth of a reading that may
+    still show the tested skin point.
     """
     if label != PixelLabel.BACKGROUND and label < PixelLabel.OTHER_PERSON:
         return False
@@ -237,7 +242,7 @@ def nearest_possible(possible: np.ndarray, row: int, column: int, reach_px: int)
         if ring * ring >= best:
             break
         for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
-            # pixels are searched ring by ring; between its top and bottom row, a square ring has only two pixels in
+            # pixels are searched in growing square rings; between its top and bottom row, a ring has only two pixels in
             # each row
             step = 1 if abs(r - row) == ring else max(1, 2 * ring)
             for c in range(column - ring, column + ring + 1, step):
@@ -269,7 +274,7 @@ def shanks(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
 def separation_rows(body: Body, posed: PosedPoints) -> Constraints:
     """Return rows that push body parts out of each other, towards the nearest skin of the other part.
 
-    Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch. So a skin point of the left
+    Each skin point of a forearm or hand inside the trunk gets a row. Shanks may touch, so a skin point of the left
     shank or foot gets a row only if the place at the depth ``_FLESH_M`` below this point is inside the right shank or
     foot. Without these rows, both shanks could be fitted to the seen surface of one shank.
     """
@@ -331,9 +336,10 @@ def _feet(points: SkinPoints, missing: tuple[str, ...]) -> tuple[np.ndarray, np.
 def _nearest(
     asked: np.ndarray, points: np.ndarray, arms: np.ndarray, trunk: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find, for each tested place ``asked[arms]``, the nearest point of ``trunk``, if this point is nearer than
-    ``_DEEPEST_M``. Return the indices in ``arms`` of the places with such a point, and the indices in ``trunk`` of
-    their nearest points. ``arms`` and ``trunk`` may also be two shanks.
+    """Find, for each of the places ``asked[arms]``, the nearest of the skin points ``points[trunk]``, if it is nearer
+    than ``_DEEPEST_M``. Return two index arrays, with an entry per place that has such a skin point: the position of
+    the place in ``arms``, and the position of its nearest skin point in ``trunk``. Instead of arms and trunk, the
+    caller may pass the skin points of two shanks.
     """
     near, nearest, count = np.empty(len(arms), np.int64), np.empty(len(arms), np.int64), 0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -1,4 +1,4 @@
-"""Measure how well a pose explains a frame, from the frame's depth images alone, without predictions.
+"""Measure how well a pose explains a frame, from the frame's depth images alone, without predictions from other frames.
 
 Two quantities show that a limb is misplaced. The first is the area of the patient's seen skin that no part of the posed
 body covers. The second is the share of each limb's skin that a camera sees past, that is, where the camera sees
@@ -24,18 +24,19 @@ from anchorpose.body.visibility import SkinReason, skin_reasons
 from anchorpose.camera import Camera
 from anchorpose.isolation.view import View
 
-# m, maximum distance from a node to a skin point that covers it; the distance allows for the thickness of clothes, the
+# m; a skin point covers a node if the node is nearer than this; the distance allows for the thickness of clothes, the
 # spacing of skin points and half the thickness of a forearm
 COVERED_M: Final = 0.06
 NODES: Final = 2500  # maximum number of nodes that are examined; registration uses the same number of nodes
-# minimum number of a limb's camera-facing skin points; with fewer, the share that the camera sees past is unreliable
+# minimum number of a limb's camera-facing skin points; with fewer points, the share of the limb that the camera sees
+# past (where it sees something farther away) is unreliable
 LEAST_FACING: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
-    """The measures of how well a pose explains a frame: the nodes that the posed skin covers, and the share of the skin
-    that cameras see past (where they see something farther away).
+    """The measures of how well a pose explains a frame: the nodes (seen points of the patient's skin) that the posed
+    skin covers, and the share of the posed skin that cameras see past (where they see something farther away).
     """
 
     covered: np.ndarray  # (c,) int, index of each examined node that posed skin covers
@@ -44,8 +45,8 @@ class Explanation:
     # m2, area of the patient's seen skin that the uncovered nodes of one camera represent; the largest value of all
     # cameras
     uncovered_m2: float
-    # (PARTS,) share of each limb's camera-facing skin that a camera sees past; the largest value of all cameras; NaN if
-    # too little of the limb is in view
+    # (PARTS,) share of each limb's camera-facing skin that a camera sees past (where it sees something farther away);
+    # the largest value of all cameras; NaN if too little of the limb is in view
     seen_past: np.ndarray
     # (p,) bool, whether the skin point covers a node, that is, is the point nearest to one of the nodes ``covered``
     covering: np.ndarray
@@ -85,7 +86,7 @@ def seen_past(
 ) -> np.ndarray:
     """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past. A
     camera sees past a skin point if the reading at the point's pixel lies more than ``COVERED_M`` behind the point, or
-    if the pixel shows the background without a reading; hidden skin counts as not seen past.
+    if the pixel shows the background without a reading. Hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -97,8 +98,9 @@ def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
     """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If it is
-    uncertain which way the body faces, this share is more reliable than the largest share of one camera
-    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do.
+    uncertain which way the body faces, this share is more reliable than the largest share of a single camera
+    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do, so the
+    largest share would depend on this camera alone.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -108,8 +110,8 @@ def seen_past_by_all(
 def _seen_past_counts(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield, for each camera, how many skin points of each limb (PARTS,) the camera sees past, and how many points the
-    camera could see past.
+    """Yield, for each camera with an image, two numbers of skin points per limb (PARTS,): points that the camera sees
+    past (it sees something farther away there), and points that the camera could see past, as in ``_count_past``.
     """
     limb = limb_of_points(points)
     for view, camera in zip(views, cameras, strict=True):
@@ -145,8 +147,8 @@ def segment_of_points(points: SkinPoints) -> np.ndarray:
 
 
 def _bone_of_points(points: SkinPoints) -> np.ndarray:
-    """Return (p,) the index in ``MOVING_BONES`` of each skin point's bone. If this list lacks the bone, return the
-    index of the bone's nearest listed ancestor.
+    """Return (p,) the index in ``MOVING_BONES`` of the bone that moves each skin point most. If ``MOVING_BONES`` does
+    not contain this bone, return the index of the bone's nearest ancestor in ``MOVING_BONES``.
     """
     found, parents = np.zeros(len(points.part), np.int64), points.asset.bone_parents
     row = {int(bone): number for number, bone in enumerate(points.moving)}

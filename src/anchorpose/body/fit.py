@@ -196,8 +196,8 @@ def damped_step(
 ) -> Pose:
     """Return the pose after one Gauss-Newton step.
 
-    Without a prediction (None), constraint rows may pull a limb to another limb's surface. So the rows of a limb do not
-    prove that the limb is seen, and all limbs have the joint ranges of hidden limbs (``joint_range``).
+    Without a prediction (``predicted`` is None), constraint rows may pull a limb to another limb's surface. So the rows
+    of a limb do not prove that the limb is seen, and all limbs have the joint ranges of hidden limbs (``joint_range``).
     """
     hidden = None if predicted is None else hidden_bones(body.points, rows, rows_per_observation)
     prior = prior_equations(body.points, pose, predicted, hidden)

@@ -27,10 +27,11 @@ _REACHES_M: Final = (0.20, 0.20, 0.15, 0.15, 0.15, 0.12, 0.12, 0.12)
 """Maximum distance (m) at which a node pulls the skin, one value per registration step. The steps begin at the pose
 fitted to the descriptor's matches. Matches on hands have errors of up to 0.2 m."""
 
-# number of first steps that fit the pose alone; while the pose is still inaccurate, a wrong shape would be fitted
+# number of registration steps, counted from the first, that fit the pose but not the shape; while the pose is still
+# inaccurate, a wrong shape would be fitted
 _RIGID_STEPS: Final = 2
-# m, maximum distance at which a node pulls the skin, one value per registration step of ``find_rough_pose``, which
-# takes fewer steps than ``find_first_pose``
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per registration step of
+# ``find_rough_pose``, which takes fewer steps than ``find_first_pose``
 _ROUGH_REACHES_M: Final = (0.15, 0.12, 0.10, 0.08)
 
 
@@ -42,9 +43,9 @@ class FirstPose:
     belief: ShapeBelief
     log: float  # nats, log probability of pose and shape, given the images and the prior knowledge of bodies
     facing: float  # nats, prior log probability that the patient faces this way (``facing_nats``)
-    # poses in which the patient faces the opposite way. If the shape was known before, the first pose has this shape,
-    # and the second pose a newly fitted shape. Otherwise only one pose is listed, and its shape was fitted together
-    # with the pose
+    # poses in which the patient faces the opposite way. If the patient's shape was known before, two poses with the
+    # opposite facing are listed, the first with this shape, the second with a newly fitted shape; otherwise only one
+    # pose is listed, and its shape was fitted together with the pose
     others: tuple[FirstPose, ...] = ()
 
     @property
@@ -54,8 +55,8 @@ class FirstPose:
 
     def ahead_of(self, turned: FirstPose) -> float:
         """Return by how many nats this pose is likelier than a pose with the opposite facing. The difference between
-        the ``log`` of both poses is reduced (``believed``), since errors of shape and clothes contribute to this
-        difference.
+        the log probabilities (``log``) of both poses is reduced by ``believed``, since errors of shape and clothes
+        contribute to this difference.
         """
         return believed(self.log - turned.log, PARTS) + self.facing - turned.facing
 

@@ -15,10 +15,10 @@ from anchorpose.body.fit import limited, prior_equations
 from anchorpose.body.pose import LIMB_OF_BONES, LIMB_OF_JOINTS, POSE_SIZE, TRUNK, Pose
 from anchorpose.body.skin_points import Body, joint_jacobian, place_variance
 
-# m, assumed standard deviation of the given joint places; predicted joints are means over whole body parts, so a closer
-# fit is meaningless
+# m, assumed standard deviation of the given joint places; predicted joint places are means over whole body parts, so a
+# closer fit to them is meaningless
 JOINT_SIGMA_M: Final = 0.01
-# maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction. Random
+# maximum distance of a joint from its corrected place, divided by the combined sigma of joint and correction; random
 # errors exceed this ratio in 1 of 400 cases, so the limb of a joint beyond this ratio counts as misplaced
 CONTRADICTED: Final = 3.8
 _STEPS: Final = 3  # number of solver steps if the start is close to the wanted pose
@@ -66,8 +66,8 @@ def contradicted(body: Body, belief: PoseBelief, corrected: CorrectedJoints) -> 
 
 
 def relax_limbs(belief: PoseBelief, corrected: CorrectedJoints) -> PoseBelief:
-    """Return the belief in the same pose with more uncertain limbs of corrected joints, as if no camera had seen these
-    limbs for ``UNSEEN_S`` seconds.
+    """Return the belief in the same pose, but with added uncertainty of the limbs (or the trunk) to which the corrected
+    joints belong, as if no camera had seen these parts for ``UNSEEN_S`` seconds.
     """
     growth = PATIENT_PACE.variance(UNSEEN_S)
     limbs = np.unique(LIMB_OF_JOINTS[corrected.joint])

@@ -2,8 +2,9 @@
 
 If only the range of each joint were known, a hidden leg of a seated person would be estimated to hang straight. But the
 joints of one limb bend together, and so do the joints of the left and right limbs. These correlations were measured in
-motion capture of rehabilitation exercises (``tools/measure_limb_turns.py``). The correlations predict hidden parts of
-limbs and decide which of two poses is likelier. The correlations do not affect visible parts.
+motion capture of rehabilitation exercises (``tools/measure_limb_turns.py``). The correlations serve to predict the
+rotations of hidden parts of limbs, and to decide which of two poses is likelier. The correlations do not affect visible
+parts.
 """
 
 from __future__ import annotations
@@ -53,13 +54,13 @@ _HINGE_SPREAD_DEG: Final = {"ForeArm": (45, 9, 25), "Leg": (40, 5, 8)}
 
 # rad, maximum extension of a hip: mean of 9.4 degrees plus 3 standard deviations (Roaas and Andersson 1982)
 HIP_EXTENSION: Final = 25.0 * DEGREE
-# minimum variance of each turn that is independent of other turns, as a share of the turn's variance by the textbooks;
-# with this variance, raising only one leg stays probable
+# minimum part of each turn's variance that is independent of all other turns, as a share of the turn's variance by the
+# textbooks; with this part, a pose with only one leg raised stays probable
 OWN_VARIANCE: Final = 0.5
 # rad, flexion of a knee below which a pose is less probable. Knees stop when the leg is straight; the angle at which
-# they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of an angle is -2
-# log of the share of people whose knees extend so far. This cost is nearly a parabola that begins at a flexion of one
-# standard deviation
+# they stop has a standard deviation of 3 degrees among people (Roaas and Andersson 1982). The cost of a knee's angle is
+# -2 log of the share of people whose knees extend so far; this cost is nearly a parabola that begins at a flexion of
+# one standard deviation
 KNEE_STOP: Final = 3.0 * DEGREE
 SEEN_SPREAD: Final = 35.0 * DEGREE
 """Limit (rad) up to which the standard deviations of a visible bone's turns are widened: the textbooks' values are
@@ -72,7 +73,9 @@ increased the error of seated people's thighs in real depth images (UTD-MHAD) by
 
 
 class LimbTurns(NamedTuple):
-    """Statistics, measured by motion capture, of the k turns of arms and legs that ``captured_turns`` selects."""
+    """Statistics, measured by motion capture, of k rotations of arms and legs: the turns that ``captured_turns``
+    selects.
+    """
 
     mean: np.ndarray  # (k,) rad, mean of each turn
     covariance: np.ndarray  # (k, k) covariance of the turns
@@ -92,9 +95,10 @@ def captured_turns() -> np.ndarray:
     """Return the matrix (k, 3 m) that maps the rotation vectors of the m moving bones to the k turns that motion
     capture measured, left side first.
 
-    These k turns are all turns of the arms, and the flexions of hips and knees. The joints that motion capture measured
-    do not show how a thigh turns about its long axis or in which direction a foot points. Motion capture measured no
-    joint of the lower back, so the flexion of a hip is measured from the whole trunk to the thigh.
+    The k turns that motion capture measured are all turns of the arms, and the flexions of hips and knees. The joints
+    that motion capture measured do not show how a thigh turns about its long axis or in which direction a foot points.
+    Motion capture measured no joint of the lower back, so the flexion of a hip is measured from the whole trunk to the
+    thigh.
     """
     shown = []
     for side in ("Left", "Right"):
@@ -136,7 +140,7 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
 
     hidden: indices of the hidden bones in ``MOVING_BONES``. The turns of hidden bones are predicted from the turns of
     visible bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks
-    (``SEEN_SPREAD``) about the rest pose. None: all bones follow the statistics of motion capture.
+    (``SEEN_SPREAD``) about the rest pose. If ``hidden`` is None, all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -208,8 +212,9 @@ def _as_captured(asset: BodyAsset) -> JointRange:
     other turns have the ranges of the textbooks.
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
-    ranges, the spine contributes a quarter of this flexion, with the variance of the spine's own range. (When people
-    sit down, the spine contributes a third of this flexion, Schoberth 1962.)
+    ranges, the spine contributes a quarter of this flexion. The spine may also bend more and both hips less, or vice
+    versa; the variance of such poses is the variance of the spine's own range. (When people sit down, the spine
+    contributes a third of this flexion, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
@@ -231,7 +236,7 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     motion capture and an independent variance of each turn, since other people move differently from the people in the
     motion capture. The total variance of a turn is at least its variance by the textbooks.
 
-    expected (k, k): covariance of the same turns by the textbooks.
+    expected (k, k): covariance of ``captured_turns`` by the joint ranges of the textbooks.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
@@ -262,8 +267,8 @@ def joint_range_at(asset: BodyAsset, pose: Pose, hidden: tuple[int, ...] | None 
     """Return ``joint_range``, but the mean turn of each shoulder girdle grows with the elevation of its arm in the
     pose.
 
-    Each step of the fit treats the girdle's mean turn as constant, so the mean turn pulls the girdle but not the arm.
-    Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
+    Each step of the fit treats the shoulder girdle's mean turn as constant, so the mean turn pulls the girdle but not
+    the arm. Source: Inman, Saunders and Abbott 1944 (J Bone Joint Surg 26:1).
     """
     ranges = joint_range(asset, hidden)
     mean = ranges.mean.copy()

@@ -52,7 +52,10 @@ class BodyMesh:
         return joints
 
     def joints(self, transforms: np.ndarray) -> np.ndarray:
-        """Return the posed joints (21, 3), in the order of ``JOINT_NAMES``, by rule J of the paper (Section III)."""
+        """Return the posed joints (21, 3), in the order of ``JOINT_NAMES``. By rule J of the paper (Section III), a
+        joint is the mean of its places on the two body parts that it joins; here both places are the same, since the
+        parts stay joined.
+        """
         moved = transforms[joint_bones(self.asset)]
         return np.einsum("jab,jb->ja", moved[:, :3, :3], self.rest_joints()) + moved[:, :3, 3]
 
@@ -72,7 +75,9 @@ def shape_body(asset: BodyAsset, coefficients: np.ndarray) -> BodyMesh:
 
 @njit(cache=True, nogil=True)
 def forward(parents: np.ndarray, heads: np.ndarray, rotations: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return T_world_rest (b, 4, 4); see ``BodyMesh.bone_transforms``."""
+    """Return the rigid motion T_world_rest (b, 4, 4) of each bone from the rest pose to the posed body, as described in
+    ``BodyMesh.bone_transforms``.
+    """
     transforms = np.zeros((len(parents), 4, 4))
     for bone in range(len(parents)):
         parent = parents[bone]
@@ -154,8 +159,9 @@ def joint_frames(
 def joint_derivative(
     pivot: np.ndarray, frame: np.ndarray, below: np.ndarray, bones: np.ndarray, joints_m: np.ndarray
 ) -> np.ndarray:
-    """Compute ``skin_points.joint_jacobian`` (n, 3, 3 m + 3). The derivative by a turn about an axis of a bone's frame
-    is the cross product of this axis with the vector from the bone's pivot to the joint.
+    """Return the derivative (n, 3, 3 m + 3) of joints by the pose, for ``skin_points.joint_jacobian``. The derivative
+    by a turn about an axis of a bone's frame is the cross product of this axis with the vector from the bone's pivot to
+    the joint.
     """
     moving = len(pivot)
     jacobian = np.zeros((len(bones), 3, 3 * moving + 3))
@@ -179,7 +185,9 @@ _STUMPS: Final = {"arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "leg": "Up
 
 
 def stump_of(asset: BodyAsset, part: str) -> int:
-    """Return the bone nearest to the trunk among the bones that a body without a part such as ``shank_left`` lacks."""
+    """Return the bone at whose head (first end) a missing part such as ``shank_left`` begins; a body without this part
+    lacks the bone and all its descendants.
+    """
     name, side = part.rsplit("_", 1)
     return asset.bone(f"{side.capitalize()}{_STUMPS[name]}")
 

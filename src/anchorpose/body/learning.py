@@ -22,7 +22,8 @@ from anchorpose.body.skin_points import FittedShape, SkinPoints, build_body, pos
 from anchorpose.body.standing_off import BONE_SHARE, standing_off
 from anchorpose.joints import JOINT_INDEX
 
-# m, maximum distance at which a node pulls the skin, for each solver step; three more steps did not change bone lengths
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per solver step; three more
+# steps did not change bone lengths
 REACHES_M: Final = (0.12, 0.10, 0.08, 0.06, 0.06)
 # m, like ``REACHES_M``, but for a shape that is already known from earlier frames
 REFINING_M: Final = (0.07, 0.06)

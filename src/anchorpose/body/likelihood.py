@@ -3,9 +3,10 @@ limb.
 
 The skin is rendered into each camera at reduced resolution. A pixel shows the skin, something in front of it, or
 something behind it. The score is the log likelihood ratio of the readings with and without the body. Skin that explains
-a reading raises the score, skin that a camera sees past lowers the score, and hidden skin does not change the score.
-Pixels with the person's label beside the rendered skin show clothes, and these pixels raise the score as well.
-Otherwise a taller body, which fills the outline of loose clothes, would be more probable than the correct body.
+a reading raises the score, skin lowers the score if its pixel shows something behind the skin, and hidden skin does not
+change the score. Pixels with the person's label beside the rendered skin show clothes, and these pixels raise the score
+as well. Otherwise a taller body, which fills the outline of loose clothes, would be more probable than the correct
+body.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ LEAST_SHARE: Final = 0.15
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
     """The likelihood of the readings at each limb (``LIMB_OF_BONES``). All arrays are (PARTS, 2). Their columns are the
-    part of a limb above the elbow or knee and the part below; for the trunk, the lower trunk and the rest with neck and
-    head.
+    part of a limb above the elbow or knee and the part below; for the trunk, the columns are the lower trunk, and the
+    chest with neck and head.
 
     The arrays ``explained``, ``past`` and ``hidden`` count independent observations; one observation is a patch of skin
     of side ``ALIKE_M``.
@@ -117,7 +118,9 @@ def render_skin(
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """Return one camera's likelihood (4, 2 PARTS): rows as in ``Likelihood``, columns as in ``SEGMENT_OF_BONES``."""
+    """Return the likelihood of one camera's readings (4, 2 PARTS). The rows are the first four fields of
+    ``Likelihood``; the columns are the segments of the body, numbered as in ``SEGMENT_OF_BONES``.
+    """
     skin = render_skin(points, skin_m, camera)
     if skin is None:
         return np.zeros((4, 2 * PARTS))

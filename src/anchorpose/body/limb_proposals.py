@@ -32,14 +32,15 @@ from anchorpose.geodesics.center import center_field, limb_path
 from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
 
 SIDES: Final = ("Left", "Right")
-# m, maximum distance of neighbouring nodes in one piece of skin, twice the usual spacing of nodes
+# m, maximum distance between neighbouring nodes (points of the seen surface) of one piece of skin, twice the usual
+# spacing of nodes
 NEIGHBOUR_M: Final = 0.05
 # m2, minimum area of an uncovered piece of skin, the size of a few fingers; smaller pieces are due to clothes
 SMALLEST_M2: Final = 0.002
 # maximum number of uncovered pieces of skin that are examined at a time, enough for two arms and a leg; smaller pieces
-# are examined when larger pieces are covered
+# are examined once the body covers the larger pieces
 MOST_PIECES: Final = 3
-# maximum number of rounds of three solver steps each; several are needed if a limb must turn by half a circle
+# maximum number of rounds, each of three solver steps; a limb that must turn by half a circle needs several rounds
 TURNS: Final = 4
 # m; the solver stops if a round moves no joint farther than this along any axis; registration refines the pose later
 SETTLED_M: Final = 0.01
@@ -50,7 +51,7 @@ REACH_SLACK_M: Final = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """An arm or a leg."""
+    """An arm or a leg, as a chain of bones and joints."""
 
     bones: tuple[str, ...]  # from the trunk to the hand or foot
     joints: tuple[str, ...]  # from the hand or foot to the elbow or knee
@@ -88,9 +89,10 @@ class LimbPath:
 def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPath]:
     """Return a path over each large piece of seen skin that the body does not cover, the largest piece first.
 
-    A path begins at the piece's tip and ends at a root. Roots are the nodes within ``NEIGHBOUR_M`` of covered skin;
-    usually the piece meets the covered skin, but if a bar is in between, the root is the node nearest to covered skin.
-    The tip is the node farthest from the roots along the piece.
+    A path over a piece of uncovered skin begins at the piece's tip and ends at one of the piece's roots. Roots are the
+    piece's nodes within ``NEIGHBOUR_M`` of a covered node, where the piece meets the covered skin. If a bar, for
+    example, separates the piece from the covered skin, the root is the piece's node nearest to a covered node. The tip
+    is the node farthest from the roots along the piece.
     """
     surface, bare = evidence.surface, explanation.node
     if len(bare) < 2:
@@ -108,8 +110,8 @@ def uncovered_paths(evidence: Evidence, explanation: Explanation) -> list[LimbPa
 
 
 def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Return the graph that joins neighbouring nodes, with edge lengths in metres, and the number (u,) int of the
-    connected piece to which each node belongs.
+    """Return the graph that joins neighbouring nodes (points of the uncovered surface), with edge lengths in metres,
+    and the number (u,) int of the connected piece to which each node belongs.
     """
     pairs = cKDTree(points_m).query_pairs(NEIGHBOUR_M, output_type="ndarray")
     length = np.linalg.norm(points_m[pairs[:, 0]] - points_m[pairs[:, 1]], axis=1)
@@ -119,8 +121,8 @@ def _pieces(points_m: np.ndarray) -> tuple[csr_array, np.ndarray]:
 
 
 def _from_covered(points_m: np.ndarray, covered_m: np.ndarray) -> np.ndarray:
-    """Return (u,) the distance in metres from each node to the nearest covered node; 0 everywhere if no node is
-    covered.
+    """Return (u,) the distance in metres from each uncovered node to the nearest covered node; 0 everywhere if no node
+    is covered.
     """
     if not len(covered_m):
         return np.zeros(len(points_m))
@@ -253,7 +255,7 @@ def _place(path: LimbPath, at_m: float, depth_m: float) -> np.ndarray:
 
 def _solved(body: Body, start: Pose, wanted: np.ndarray) -> Pose:
     """Return the pose whose joints are as near to the wanted places (21, 3) as possible; a joint that is NaN may be
-    anywhere. The start may be far away, so several rounds of the solver are run.
+    anywhere. The pose ``start`` may be far from the result, so several rounds of the solver are run.
     """
     found, joints = start, body.joints(start)
     for _ in range(TURNS):
@@ -274,8 +276,8 @@ def anchor_paths(body: Body, pose: Pose, seen: SeenAnchors) -> Iterator[tuple[Li
     hand and foot anchors that contradict the pose, and at free ends. Free ends are limb ends that were not identified
     as a particular hand or foot.
 
-    A hand may belong to either arm and a foot to either leg, since a wrong facing exchanges left and right. A free end
-    may belong to any limb.
+    A hand may belong to either arm and a foot to either leg, since left and right are exchanged in a pose that faces
+    the wrong way. A free end may belong to any limb.
     """
     anchors, elsewhere = seen.anchors, contradicted_by(body, pose, seen.anchors, CONTRADICTED_M)
     ends = [

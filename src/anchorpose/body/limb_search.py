@@ -31,12 +31,14 @@ from anchorpose.threads import each
 # clothes and gripping hands leave uncovered
 LOOK_AGAIN_M2: Final = 0.005
 ROUNDS: Final = 4  # maximum number of rounds of a search, one for each of the four limbs
-# m, maximum distance at which a node pulls the skin, per step of the short registration of every proposed pose
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per step of the short
+# registration of every proposed pose
 TRIAL_REACHES_M: Final = (0.25, 0.20, 0.15)
-# number of nodes in the short registration of proposed poses; this third of all nodes is enough to distinguish good
-# poses from bad poses
+# maximum number of nodes (points of the seen surface) in the short registration of proposed poses; about a third of the
+# nodes of a full registration is enough to distinguish good poses from bad poses
 TRIAL_NODES: Final = 800
-# m, maximum distance at which a node pulls the skin, per step of the finer registration of the ``BEST`` poses
+# m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per step of the finer
+# registration of the ``BEST`` likeliest poses
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
 # m; two poses lead to the same registration if each joint moves by less than this from the first pose to the second
 SAME_M: Final = 0.04
@@ -54,7 +56,7 @@ class Search:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tried:
-    """A proposed or present pose and its log probability."""
+    """A pose that the search compares with other poses, and its log probability."""
 
     pose: Pose
     images: float  # nats, log probability given the images and the body priors
@@ -83,9 +85,9 @@ class Expected:
     def moved(self, joints_m: np.ndarray) -> float:
         """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
 
-        Each limb, and the trunk, adds the cost of the joint that is farthest from its expected place. The cost has the
-        tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body is turned
-        round has the costs of the trunk and of all limbs.
+        Each limb, and the trunk, contributes the cost of its joint that is farthest from the expected place. The cost
+        has the tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body
+        is turned round has the costs of the trunk and of all limbs.
         """
         away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
         farthest = np.zeros(PARTS)
@@ -121,9 +123,9 @@ def search_limbs(
     """Move limbs to the places where the images show them, as long as such a move makes the pose clearly likelier.
     Return the best registration.
 
-    predicted: the expected pose. If a limb is found in another place, the expected pose was wrong. So the search gives
-    the expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of
-    the patient. anchors: the frame's anchors, None for a first pose.
+    predicted: the expected pose; if a limb is found in another place, this pose was wrong. So the search gives the
+    expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of the
+    patient. anchors: the frame's anchors, None for a first pose.
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
@@ -173,9 +175,9 @@ def _decided(
 def _compared(body: Body, now: Tried, others: Sequence[Tried], evidence: Evidence) -> Iterator[tuple[Tried, float]]:
     """Yield each pose of ``others`` except ``now``, and by how many nats the pose ``now`` is likelier than this pose.
 
-    This number is the sum of two differences between the poses: the difference of the log probabilities from images and
-    body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions that the
-    patient faces (``facing_nats``).
+    The number of nats is the sum of two differences between both poses: the difference of the log probabilities from
+    images and body priors, reduced by ``believed``, and the difference of the prior log probabilities of the directions
+    that the patient faces (``facing_nats``).
     """
     for one in others:
         if one.pose is not now.pose:
@@ -202,8 +204,8 @@ def _register_all(
 ) -> list[Tried]:
     """Return the present pose unchanged, then all poses after a short registration, with their probabilities.
 
-    The present pose is the first of ``poses``. The present pose is also registered: otherwise it could lose to the pose
-    of a turned body only because its limbs lag behind the images.
+    The present pose, which the other poses may replace, is the first of ``poses``. The present pose is also registered.
+    Otherwise its limbs could lag behind the images, and the pose of a turned body could win for this reason alone.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
     return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])

@@ -1,7 +1,8 @@
 """Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
-The paper matches nodes of two frames whose geodesic distances agree (Definition 5). The learnt descriptor predicts the
-place on the skin itself. So a single frame gives matches all over the body, and no initial pose is needed.
+The paper matches nodes (points of the seen surface) of two frames if the geodesic distances of both nodes to the
+anchors agree (Definition 5). The learnt descriptor predicts the place on the skin itself. So a single frame gives
+matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ STATURES_M: Final = (0.90, 2.15)  # m, limits of the stature; one person in a th
 # second and 2 % after the third
 _SCALINGS: Final = 3
 _AGAIN: Final = 4  # number of solver steps if the initial pose was already fitted to the matches
-# m, scale of a row in ``Constraints``. This scale is so large that the robust kernel has no effect; instead, the row's
-# sigma grows with the distance of its skin point from the target
+# m, scale of the robust kernel of each match's rows (``Constraints.scale_m``). This scale of the robust kernel is so
+# large that the kernel has no effect; instead, ``_rows`` enlarges a row's sigma with the distance of its skin point
+# from the target
 _NO_KERNEL_M: Final = 1e3
 _ALIGNING: Final = 8  # number of steps of the trunk's alignment; each step computes new weights of the matches
 
@@ -73,7 +75,9 @@ class Matches:
 
 
 def matches_of(views: Sequence[View | None], cameras: Sequence[Camera], label: int) -> Matches:
-    """Return the matches of all pixels that have the label and, according to the descriptor, show a person."""
+    """Return the matches of all pixels that have the given person label and, according to the descriptor, show a
+    person.
+    """
     found = [_matches_of(view, camera, label) for view, camera in zip(views, cameras, strict=True) if view is not None]
     if not found:
         return Matches(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -102,7 +106,7 @@ def match_person(matches: Matches) -> MatchedPerson:
     agree with distances between the places of the matched pixels, and repeat both steps.
 
     The distribution of statures serves as a prior, since few or uncertain matches determine a stature poorly. Raises
-    ValueError for fewer than ``LEAST_MATCHES``.
+    ValueError for fewer matches than ``LEAST_MATCHES``.
     """
     points, stature_m, pose = body_points(), MEAN_STATURE_M, None
     for _ in range(_SCALINGS):

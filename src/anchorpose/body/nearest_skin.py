@@ -15,7 +15,7 @@ MAX_VOXELS: Final = 1_000_000
 
 
 class Voxels(NamedTuple):
-    """Nodes sorted into voxels, which are cubes of one size."""
+    """Nodes (points of the seen surface) sorted into voxels, which are cubes of one size."""
 
     order: np.ndarray  # (n,) int32, indices of the nodes, sorted by voxel
     start: np.ndarray  # (x * y * z + 1,) int32, where each voxel begins in ``order``
@@ -41,8 +41,8 @@ def sort_into_voxels(points_m: np.ndarray, radius_m: float) -> Voxels:
 def sort_by_cell(
     points: np.ndarray, origin: np.ndarray, side: float, shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``order`` and ``start`` as in ``Voxels``, for points (n, 3) float64; points keep their order within a
-    voxel.
+    """Sort points (n, 3) float64 into voxels, and return the arrays ``order`` and ``start`` of ``Voxels``; points keep
+    their order within a voxel.
     """
     cell, start = np.empty(len(points), np.int64), np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     for node in range(len(points)):
@@ -73,7 +73,7 @@ class Oriented(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Points sorted by cell, contiguous in memory."""
+    """Points of a surface, sorted by the cell of the grid in which they lie, contiguous in memory."""
 
     order: np.ndarray  # (k,) index of each point before sorting
     skin: np.ndarray  # (k, 6) place and normal of each point
@@ -86,7 +86,8 @@ class Grid(NamedTuple):
 def nearest_facing(
     skin: Oriented, nodes: Oriented, seen_from: np.ndarray, eyes: np.ndarray, reach: float, normal_weight: float
 ) -> np.ndarray:
-    """Return the skin point (n,) int64 nearest to each node, -1 if no skin point is nearer than reach.
+    """Return the skin point (n,) int64 nearest to each node (point of the seen surface), -1 if no skin point is nearer
+    than reach.
 
     Only skin that faces the node's camera is used. The distance is computed between vectors of six numbers: the place,
     and the normal times ``normal_weight``. seen_from (n,): the camera that saw each node; eyes (c, 3): the cameras'
@@ -125,8 +126,8 @@ def facing_rows(
     """Return the index of the skin point (m,), the index of the node (m,) and the unit direction of the pull (m, 3) for
     every node with a skin point within reach.
 
-    The direction is the mean of the normals of node and skin point. If node and skin point are farther apart than
-    ``uncovered``, the direction is along the line between them.
+    The direction of the pull is the mean of the normals of node and skin point. If node and skin point are farther
+    apart than ``uncovered``, the direction is along the line between them.
     """
     nearest = nearest_facing(skin, nodes, seen_from, eyes, reach, normal_weight)
     point, found, count = np.empty(len(nearest), np.int64), np.empty(len(nearest), np.int64), 0
@@ -152,7 +153,9 @@ def facing_rows(
 
 @njit(cache=True, nogil=True)
 def nearest_point(points: np.ndarray, nodes: np.ndarray, reach: float) -> np.ndarray:
-    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3) by place alone, -1 if none is within reach."""
+    """Return (n,) int64: the point (p, 3) nearest to each node (n, 3), whatever their normals; -1 if no point is within
+    reach.
+    """
     nearest = np.full(len(nodes), -1, np.int64)
     grid, places = _grid(Oriented(points, points), np.arange(len(points))), Oriented(nodes, nodes)
     for node in range(len(nodes)):

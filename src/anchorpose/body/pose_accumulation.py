@@ -2,9 +2,10 @@
 without storing the rows' Jacobian.
 
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
-point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed by
-skin point (3 x 3), then by pairs of moving bones that carry a point together (6 x 6), then along the skeleton. The last
-step converts the sums to the pose's parameters. ``skin_points.pose_jacobian`` is the reference implementation.
+point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed into
+a matrix per skin point (3 x 3), then into a matrix per pair of moving bones that carry a point together (6 x 6), and
+then along the skeleton. The last step converts the sums to the pose's parameters. ``skin_points.pose_jacobian`` is the
+reference implementation.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ def accumulate_pose(
 
 @cache
 def _carriers(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return the moving bone (b,) that carries each bone, and the next moving bone (m,) above each moving bone in the
-    skeleton, -1 above the root. Moving bones are numbered as in ``SkinPoints.moving``, parents before children.
+    """Return, for each bone (b,), the moving bone that carries it: the bone itself or its nearest moving ancestor. Also
+    return, for each moving bone (m,), the next moving bone above it in the skeleton, -1 for the root. Moving bones are
+    numbered as in ``SkinPoints.moving``, parents before children.
     """
     # a bone is carried by the last moving bone that is the bone itself or one of its ancestors
     carrier = len(points.moving) - 1 - points.below[::-1].argmax(axis=0)
@@ -75,12 +77,12 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two sums over all rows, both about the origin: second moments (m, m, 6, 6) for each pair of carriers
-    (moving bones that carry a point), and torque and force (m, 6) on each carrier. The force of a row is its weighted
-    residual along its direction.
+    """Return two sums over all constraint rows, with torques about the world's origin: the second moments (m, m, 6, 6)
+    for each pair of carriers (moving bones that carry a point), and the torque and force (m, 6) on each carrier. The
+    force of a row is its weighted residual along its direction.
 
-    For each skin point, the loop adds to the moments of a pair of carriers in one order only; then ``_mirror`` adds up
-    the moments of both orders.
+    For each pair of carriers of a skin point, the loop adds the moments in one order of the pair only; ``_mirror`` then
+    adds up the moments of both orders.
     """
     pairs, forces = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
     most = bones.shape[1]
@@ -202,7 +204,7 @@ def _by_parameter(
 
 @njit(cache=True, nogil=True)
 def _screws(pivot: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Return (m + 1, 3, 6): each parameter as a rotation about the origin (3) and a translation (3)."""
+    """Return (m + 1, 3, 6): each pose parameter's motion, as a rotation about the origin (3) and a translation (3)."""
     count = len(pivot)
     screws = np.zeros((count + 1, 3, 6))
     for m in range(count):

@@ -30,10 +30,12 @@ SPACING_M: Final = 0.028  # m, spacing of skin points
 # m, width on the body of the pixels at which the descriptor's predictions are used; the descriptor's grid has this
 # spacing at a distance of 2 to 4 m
 NAMED_FOOTPRINT_M: Final = 0.04
-# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. The side is
-# the integral of the correlation between the errors at two points over the distance between these points
+# m, side of a square patch of skin; the descriptor's errors at all points of a patch count as one error. The side of
+# this patch of skin is the integral of the correlation between the descriptor's errors at two points over the distance
+# between these points
 NAMED_ALIKE_M: Final = 0.25
-# share of predicted places with an error above three standard deviations, in simulated and real images (UTD-MHAD)
+# share of predicted places with an error above three standard deviations, in simulated images and in real images of the
+# data set UTD-MHAD
 WRONGLY_NAMED: Final = 0.03
 FROM_BEFORE: Final = 20.0
 """Assumed ratio of how often a single camera stands in front of the patient to how often it stands behind the patient.
@@ -74,16 +76,18 @@ def facing_nats(body: Body, pose: Pose, cameras: Sequence[Camera]) -> float:
 
 
 def _cost(rows: Constraints, posed: PosedPoints) -> float:
-    """Return the sum over all rows of the squared deviation, limited by the row's robust kernel."""
+    """Return the sum over all rows of the squared deviation (residual divided by sigma), limited by the row's robust
+    kernel.
+    """
     scaled = (rows.residuals(posed) / rows.scale_m) ** 2
     return float(((rows.scale_m / rows.sigma_m) ** 2 * scaled / (1.0 + scaled)).sum())
 
 
 def named_nats(body: Body, pose: Pose, evidence: Evidence) -> np.ndarray:
     """Return (PARTS, 2) nats, arranged as in ``Likelihood``: for each part of a limb, the log likelihood ratio of the
-    places that the descriptor predicts at its pixels. The ratio compares two assumptions: the pixels show the skin that
-    the pose puts there, or they show an unknown place on the skin. Only readings with the person's label near the posed
-    skin are used.
+    places that the descriptor predicts at the part's pixels. The ratio compares two assumptions: the pixels show the
+    skin that the pose puts there, or they show an unknown place on the skin. Only readings with the person's label near
+    the posed skin are used.
     """
     skin_m, nats = pose_points(body, pose).points_m, np.zeros(2 * PARTS)
     for view, camera in zip(evidence.views, evidence.cameras, strict=True):

@@ -39,7 +39,7 @@ class Doubted:
 def proposals(doubted: Doubted, sources: Sequence[Source]) -> Iterator[Pose]:
     """Yield the poses that the sources propose, except poses that are much rarer in people than the pose in doubt.
 
-    This excludes, for example, poses in which a hidden leg lies along an arm. Poses with exchanged sides are always
+    Rare poses are, for example, poses in which a hidden leg lies along an arm. Poses with exchanged sides are always
     yielded: the images alone decide whether these poses are better.
     """
     most = rarity(doubted.body, doubted.pose) + MOST_UNUSUAL
@@ -67,8 +67,9 @@ def _along_surface(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
-    """Yield poses with a limb laid along a geodesic path. The path begins at an anchor that contradicts the pose, or at
-    an end of the surface (paper, Definition 2) that was not identified as an anchor.
+    """Yield poses with a limb laid along a geodesic path (a shortest path over the seen surface). The path begins at an
+    anchor that contradicts the pose, or at an end of the surface (paper, Definition 2) that was not identified as an
+    anchor.
     """
     if doubted.anchors is not None:
         yield from anchor_poses(doubted.body, doubted.pose, doubted.anchors)
@@ -77,7 +78,7 @@ def _to_anchors(doubted: Doubted) -> Iterator[Pose]:
 def _by_descriptor(doubted: Doubted) -> Iterator[Pose]:
     """Yield the pose that fits the learnt descriptor's predictions for the whole body, then the pose with the opposite
     facing, since a wrong facing is the descriptor's most frequent mistake. If the pose in doubt is a first pose, yield
-    nothing: the descriptor found this pose.
+    nothing, since the descriptor has already found this pose.
     """
     if doubted.anchors is None:
         return

@@ -85,8 +85,8 @@ def posterior(
 
 
 def node_parts(body: Body, pose: Pose, nodes_m: np.ndarray, reach_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the skin point (n,) nearest to each node, and the bone (n,) that moves this point; -1 if no point is
-    within reach_m.
+    """Return the skin point (n,) nearest to each node (point of the seen surface), and the bone (n,) that moves this
+    point; -1 if no point is within reach_m.
     """
     point = nearest_point(pose_points(body, pose).points_m, nodes_m, reach_m)
     return point, np.where(point >= 0, body.points.part[point], -1)

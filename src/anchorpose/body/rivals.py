@@ -25,7 +25,7 @@ from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
 
 # m; two poses count as the same if no joint lies farther than this from its place in the other pose. Clothes and
-# gripping hands shift estimated joints by as much
+# gripping hands shift estimated joints by as much as this distance
 APART_M: Final = 0.08
 LIMB_ERROR: Final = 4.0
 """Standard deviation, in nats, of the lead of one pose over another (the difference of their log probabilities), due to
@@ -42,15 +42,15 @@ For poses that differ in all five parts (trunk and limbs), the standard deviatio
 # s, time after which a frame's weight in ``Rival.lag`` has fallen to a third; limbs have moved in this time, so older
 # frames count less
 MEMORY_S: Final = 0.3
-# s, like ``MEMORY_S``, for a rival with a body of its own; errors of the body's shape persist, so ``lag`` averages over
-# a longer time
+# s, like ``MEMORY_S``, but for a rival with a body of its own; errors of this body's shape are the same in many frames,
+# so ``Rival.lag`` averages over a longer time
 OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
 # likely
 LEAST_GAIN: Final = 3.0
-# nats (a factor of e^6); a rival is dropped if the best pose explains the last frames better by at least this much
-# (``Rival.lag``); a rival that is likelier than the best pose by more than this (``Rival.behind``) becomes the best
-# pose
+# nats (a factor of e^6), difference at which the images decide between two poses. A rival is dropped if the best pose
+# explains the last frames better by at least this much (``Rival.lag``). A rival becomes the best pose if it is likelier
+# than the best pose by more than this (``Rival.behind``)
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 
@@ -59,8 +59,8 @@ MOST: Final = 3  # maximum number of rivals; each rival takes as much time as re
 class Rival:
     """A pose that competes with the best pose.
 
-    A rival with a body of its own never becomes the best pose, since the bones of the patient keep their length; such a
-    rival only increases sigma.
+    A rival may have a body of its own, with another shape. Such a rival only increases sigma and never becomes the best
+    pose, since the patient's bones keep their length.
     """
 
     belief: PoseBelief
@@ -80,14 +80,16 @@ class Rival:
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return this rival with ``lag`` and ``moved`` relative to ``best``, which becomes the best pose."""
+        """Return this rival with its fields ``lag`` and ``moved`` relative to another rival, ``best``, which becomes
+        the best pose.
+        """
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
 
 def believed(lead: float, parts: int, error: float = LIMB_ERROR) -> float:
-    """Reduce the lead of a pose over another pose (the difference of their log probabilities, in nats) to the log odds
-    that the leading pose is indeed the likelier pose: errors of shape and clothes may cause the lead. The lead may be
-    negative.
+    """Reduce the lead of a pose over another pose (the difference of their log probabilities, in nats), since errors of
+    shape and clothes may cause the lead. The result is at most the log odds that the leading pose is indeed the
+    likelier pose. A negative lead gives a negative result.
 
     parts: number of parts (limbs or trunk) whose place differs between the poses. The lead's standard deviation is
     ``error`` times ``parts``.
@@ -162,10 +164,12 @@ def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Ri
 
 
 def with_rivals(body: Body, joints_m: np.ndarray, sigma_m: np.ndarray, rivals: Sequence[Rival]) -> np.ndarray:
-    """Return sigma (21,) of the mixture of the best pose's joints (21, 3) with its rivals, per axis.
+    """Return the sigma (21,) per axis of the joints joints_m (21, 3) of the best pose, enlarged because each of the
+    rivals may be the true pose.
 
-    The weight of a rival is its likelihood relative to the best pose. The joints of a rival are assumed to have the
-    sigma of the best pose.
+    Each rival enlarges a joint's variance by the squared distance between the rival's joint and the joint of the best
+    pose (a third per axis), weighted by the rival's probability. The joints of a rival are assumed to have the sigma of
+    the best pose.
     """
     weight = np.exp(-np.array([0.0, *(rival.behind for rival in rivals)]))
     weight /= weight.sum()

@@ -1,10 +1,10 @@
 """Define changes of the body's shape, called directions, by which a single segment becomes longer, thicker or larger.
 
-The shipped asset's coefficients change all segments together, left and right equally. Each direction in this module
-changes a single segment of the mean adult. A direction of length stretches the segment along its axis and shifts
-everything beyond its end. A direction of girth moves the skin away from the axis. A direction of size enlarges a hand,
-a foot or the head. A bulge moves a region of the trunk's skin. One unit of a direction's coefficient is one standard
-deviation among people of the same height (``shape_prior``).
+The shape coefficients of the shipped body asset change all segments together, left and right equally. Each direction in
+this module changes a single segment of the mean adult. A direction of length stretches the segment along its axis and
+shifts everything beyond its end. A direction of girth moves the skin away from the axis. A direction of size enlarges a
+hand, a foot or the head. A bulge moves a region of the trunk's skin. One unit of a direction's coefficient is one
+standard deviation among people of the same height (``shape_prior``).
 """
 
 from __future__ import annotations
@@ -150,8 +150,8 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): three factors and a constant per bone. For a point of the bone at (x, y, z) in the rest pose,
-    ``factors . (x, y, z) + constant`` is the share of the span's growth by which the point moves.
+    """Return (b, 4): three factors and a constant per bone. If the span grows, a point of the bone at (x, y, z) in the
+    rest pose moves by the share ``factors @ (x, y, z) + constant`` of the growth.
 
     Points of the span move in proportion to their distance along the span from its start; everything beyond the span
     moves as a whole.

@@ -20,12 +20,13 @@ from anchorpose.body.standing_off import patches_of
 CLOTHING_MEAN_M: Final = 0.006  # m, mean thickness of clothes
 CLOTHING_SIGMA_M: Final = 0.003  # m, standard deviation of the thickness of clothes
 # m, standard deviation of the offset of a patch of skin, due to muscles, fat and folds that no coefficient describes.
-# Learnt offsets in real recordings were larger. The values 3.5, 7 and 12 mm were compared: with 7 mm, joints were
-# nearest to the truth (suite ``easy``, seeds for tuning), and nearer to the labels of MSR Action3D than with 3.5 mm.
+# In real recordings, the learnt offsets of patches of skin were larger than this. The values 3.5, 7 and 12 mm were
+# compared: with 7 mm, joints were nearest to the truth (suite ``easy`` of ``benchmarks/run.py``, seeds for tuning), and
+# nearer to the labels of the data set MSR Action3D than with 3.5 mm.
 PATCH_SIGMA_M: Final = 0.007
 THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
-# degrees of freedom of Student's t distribution, which is the prior of a segment: 1 in 20 segments deviates by over 2.8
-# sigma
+# degrees of freedom of Student's t distribution, the prior of all parameters except the whole-body coefficients: 1 in
+# 20 of these parameters deviates by over 2.8 sigma
 TAILS: Final = 4.0
 # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers the segment
 COVERED: Final = 4.0
@@ -53,8 +54,8 @@ a thousand, and by more with contractures: Knutson 2005, doi:10.1186/1746-1340-1
 class ShapeBelief:
     """The most likely shape, given a prior and observations.
 
-    The s free parameters are the first coefficients and the first offsets of the shape; ``free`` states how many of
-    both are free. All other parameters are fixed.
+    The s free parameters are the first coefficients of the shape and its first offsets (of clothes, then of patches of
+    skin); ``free`` states how many of each are free. All other parameters are fixed.
     """
 
     shape: FittedShape
@@ -69,12 +70,12 @@ class ShapeBelief:
 
     @property
     def information(self) -> np.ndarray:
-        """Return the inverse covariance (s, s) of the parameters, at the most likely shape."""
+        """Return the inverse covariance (s, s) of the free parameters, at the most likely shape."""
         return self._prior_at(self.shape) + self.seen
 
     @property
     def covariance(self) -> np.ndarray:
-        """Return the covariance (s, s) of the parameters, at the most likely shape."""
+        """Return the covariance (s, s) of the free parameters, at the most likely shape."""
         return _covariance(self)
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
@@ -105,8 +106,8 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """Return the belief after more observations. information (s, s), pull (s,): the values of these observations,
-        defined as ``seen`` and ``pull``.
+        """Return the belief after more observations. information (s, s), pull (s,): what these observations add to the
+        fields ``seen`` and ``pull``.
         """
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 
@@ -180,7 +181,9 @@ def _covariance(belief: ShapeBelief) -> np.ndarray:
 
 
 def _directions_of(part: str) -> tuple[str, ...]:
-    """Return the names of the coefficients that make a covered segment thicker."""
+    """Return the names of the shape coefficients that make a segment, covered for example by an orthosis, thicker or
+    larger.
+    """
     if part == "head":
         return ("head_size",)
     if part == "trunk":

@@ -57,7 +57,7 @@ def full_jacobian(
 
 
 class _Skin(NamedTuple):
-    """Arrays with a row per skin point."""
+    """Arrays that describe the skin, with a row per skin point."""
 
     bones: np.ndarray  # (p, w) bones that move the point, the largest weight first
     influence: np.ndarray  # (p, w) weights of these bones
@@ -67,13 +67,14 @@ class _Skin(NamedTuple):
 
 
 class _Bones(NamedTuple):
-    """Arrays with a row per bone or per moving bone."""
+    """Arrays that describe the skeleton, with a row per bone or per moving bone."""
 
     transforms: np.ndarray  # (b, 4, 4) T_world_rest of each bone
     pivot: np.ndarray  # (m, 3) joint at which each moving bone begins, world, from ``joint_frames``
     frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    # (b, count, 3) m, movement of each bone's posed points by one unit of each coefficient, from ``shape_offsets``
+    # (b, count, 3) m, movement of each bone's posed points by one unit of each coefficient, in addition to the movement
+    # due to the change of the points at rest; from ``shape_offsets``
     offset: np.ndarray
 
 
@@ -84,7 +85,9 @@ def _point_basis(points: SkinPoints) -> np.ndarray:
 
 @cache
 def _chains(points: SkinPoints) -> np.ndarray:
-    """Return (b, d), for each bone, the rows in ``MOVING_BONES`` of the bone and its ancestors, padded with -1."""
+    """Return (b, d), for each bone, the indices in ``MOVING_BONES`` of the bone and its ancestors, as far as they are
+    moving bones; padded with -1.
+    """
     carried = [np.flatnonzero(column) for column in points.below.T]
     chains = np.full((len(carried), max(map(len, carried))), -1)
     for bone, rows in enumerate(carried):
@@ -134,8 +137,8 @@ def _fill(
 
 @njit(cache=True)
 def _turns(bones: _Bones, carried: np.ndarray, share: np.ndarray, d: np.ndarray, out: np.ndarray) -> None:
-    """Write the derivatives of a row by the pose to ``out``: by the turns of moving bones in their parents' frames,
-    then by the root's place.
+    """Write, to ``out``, the derivatives of a constraint row by the pose parameters: first by the turns of moving bones
+    about the axes of their parents' frames, then by the root's place.
     """
     for m in range(len(share)):
         if share[m] == 0.0:

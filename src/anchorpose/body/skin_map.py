@@ -54,8 +54,9 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``_second_neighbours`` of the skin points, computed on the mean adult, since neighbours hardly depend on a
-    person's shape.
+    """Return pairs of neighbouring skin points and the point between both points of each pair, as
+    ``_second_neighbours`` does. The pairs are computed on the mean adult, since neighbours hardly depend on a person's
+    shape.
     """
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)

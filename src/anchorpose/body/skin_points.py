@@ -72,7 +72,9 @@ class FittedShape:
 
 
 def even_clothes(thickness_m: float) -> np.ndarray:
-    """Return the offsets (OFFSETS,) for clothes with one thickness everywhere and patches without an offset."""
+    """Return the offsets (OFFSETS,) of the seen surface from bare skin if all pieces of clothing have the same
+    thickness; the patches of skin have offsets of 0.
+    """
     return np.where(np.arange(OFFSETS) < len(CLOTHES), thickness_m, 0.0)
 
 
@@ -87,7 +89,7 @@ class Body:
     rest_normals: np.ndarray  # (p, 3) outward unit normals
 
     def transforms(self, pose: Pose) -> np.ndarray:
-        """Return T_world_rest (b, 4, 4) of the bones in a pose."""
+        """Return the rigid motions T_world_rest (b, 4, 4) of the bones from the rest pose to a pose."""
         return self.mesh.bone_transforms(pose.rotations, pose.root_m)
 
     def joints(self, pose: Pose) -> np.ndarray:
@@ -225,7 +227,7 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
     used, back = np.unique(index, return_inverse=True)
     weights = body.points.weights[used]
     placed = np.einsum("bij,nj->nbi", transforms[:, :3, :3], body.rest_m[used]) + transforms[:, :3, 3]
-    # (n, m, 3): sum of weight x place over each moving bone and its descendants
+    # (n, m, 3): for each used point and moving bone, the sum of weight x place over this bone and its descendants
     carried = body.points.below @ (weights[..., None] * placed)
     share = weights @ body.points.below.T
     pivot, frame = joint_frames(transforms, body.mesh.bone_heads, body.points.asset.bone_parents, body.points.moving)

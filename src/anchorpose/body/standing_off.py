@@ -19,11 +19,12 @@ from anchorpose.joints import JOINT_INDEX
 from anchorpose.recording.recording import CoveredPart
 
 # m; a segment stands off if the offsets of its patches of skin move its skin points by more than this (95th percentile
-# over the points). With a brace, the percentile was 0.030 to 0.036. Without a brace, the percentile was below 0.020,
-# except for loose trousers, which reach 0.035
+# over the points). For a segment with a brace, the 95th percentile of the skin points' movement was 0.030 to 0.036 m;
+# without a brace, it was below 0.020 m, except for loose trousers, which reach 0.035 m
 LEAST_M: Final = 0.020
 # standard deviations of girth; a segment whose girth exceeds its expected girth (``_thicker``) by more than this is too
-# thick. Without braces, the difference between sides was at most 0.9; with a brace, the difference was 2.9 to 6.7
+# thick. Without braces, the girths of both sides' segments differed by at most 0.9 standard deviations; with a brace,
+# by 2.9 to 6.7
 TOO_THICK: Final = 2.0
 # standard deviations of girth above the mean; the expected girth of a segment is the girth of the other side's segment,
 # but at most this, and at least the mean
@@ -42,7 +43,7 @@ _LIMBS: Final = {
 
 def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, float]:
     """Return, for each segment that does not look human, by how many metres the seen surface stands off from the learnt
-    body. The segments have the names of ``subject.covered``.
+    body. The keys are the segments' names, as in ``Subject.covered``.
     """
     found = dict[CoveredPart, float]()
     for name, mine in points_of_segments(points).items():
@@ -79,7 +80,9 @@ def _unit_of_girth_m(points: SkinPoints, name: CoveredPart) -> float:
 
 @lru_cache(maxsize=4)  # cached, since all frames have the same shape
 def standing_off_sigma_m(points: SkinPoints, shape: FittedShape) -> np.ndarray:
-    """Return (21,) metres per axis: the additional sigma of each joint whose segment stands off; 0 for other joints."""
+    """Return (21,) metres per axis: the additional sigma of each joint of a segment that does not look human
+    (``standing_off``); 0 for other joints.
+    """
     sigma = np.zeros(len(JOINT_INDEX))
     for name, away_m in standing_off(points, shape).items():
         for joint in _joints_of(name):

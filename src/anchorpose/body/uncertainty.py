@@ -39,20 +39,21 @@ from anchorpose.body.standing_off import standing_off_sigma_m
 from anchorpose.body.visibility import distance_of
 from anchorpose.joints import JOINT_INDEX, JointState
 
-# maximum number of nodes used for sigma; the 2,500 nodes of the fit would double the computing time and change sigma by
-# under a tenth
+# maximum number of nodes (points of the seen surface) used for sigma; the 2,500 nodes of the fit would double the
+# computing time and change sigma by under a tenth
 NODES: Final = 1200
-# maximum number of nodes used for ``frame_errors``; with 1,200 nodes, the sigmas differ by up to a tenth
+# maximum number of nodes (points of the seen surface) used for ``frame_errors``; with 1,200 nodes, the sigmas differ by
+# up to a tenth
 FRAME_NODES: Final = 600
 
 
 def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> np.ndarray:
     """Return the covariance (POSE_SIZE, POSE_SIZE) of the pose from the noise of this frame's readings alone.
 
-    A change n of the readings changes the pose by ``C J^T W n``,
-    where C is the belief's covariance, J the rows' Jacobian, and W the diagonal matrix of the fit's weights. So noise
-    with the covariance N gives the pose the covariance ``C J^T W N W J C``. In N, nodes of one patch of ``shared_px``
-    pixels share one error; nodes of different patches are independent.
+    A change n of the readings changes the pose by ``C J^T W n``, where C is the belief's covariance, J the rows'
+    Jacobian, and W the diagonal matrix of the fit's weights. So noise with the covariance N gives the pose the
+    covariance ``C J^T W N W J C``. In N, nodes of one patch of pixels share one error (``node_noise``); nodes of
+    different patches have independent errors.
     """
     posed = pose_points(body, belief.pose)
     few = replace(config, node_count=min(config.node_count, NODES))
@@ -69,9 +70,10 @@ def noise_covariance(body: Body, belief: PoseBelief, evidence: Evidence, config:
 def _felt(
     body: Body, posed: PosedPoints, point: np.ndarray, direction: np.ndarray, strength: np.ndarray, patch: np.ndarray
 ) -> np.ndarray:
-    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE). J is the rows' Jacobian, S the diagonal matrix of ``strength``
-    (each row's weight times its noise). The entry of N for two rows is 1 if both rows belong to the same patch, else 0.
-    Rows with a negative patch number share their error with no other row.
+    """Return ``J^T S N S J`` (POSE_SIZE, POSE_SIZE): the covariance that the noise of the readings gives to the
+    gradient of the fit. J is the rows' Jacobian, S the diagonal matrix of ``strength`` (each row's weight times the
+    sigma of its noise). The entry of N for two rows is 1 if both rows belong to the same patch, else 0. Rows with a
+    negative patch number share their error with no other row.
     """
     alone, shared = patch < 0, patch >= 0
     none = np.zeros(int(alone.sum()))
@@ -85,11 +87,11 @@ def _felt(
 
 
 def finest_patch_m(evidence: Evidence) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error. The camera with the
-    smallest patches counts. The result is 0 if no camera shows the patient.
+    """Return the side, in metres at the patient, of a patch of pixels that share one error. If several cameras show the
+    patient, the shortest of their sides is returned. The result is 0 if no camera with known noise shows the patient.
 
     Sensors match windows of pixels or smooth their images, which displaces the edges of a limb by a fraction of this
-    length.
+    side.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -140,9 +142,10 @@ def joint_sigma(
     ``finest_patch_m``; a limb is placed midway between its two edges in the image, and each edge has a uniform error
     within such a patch. frame: from ``frame_errors``; None: these errors are left out.
 
-    The covariance treats the errors of all frames as independent. But clothes, person labels and hidden limbs cause the
-    same error in many frames. For example, a few wrongly labelled pixels may pull a forearm in every frame. So a
-    joint's variance by the covariance is raised to the variance that follows from this frame alone, if that is larger.
+    The argument ``covariance`` was computed as if the errors of all frames were independent. But clothes, person labels
+    and hidden limbs cause the same error in many frames. For example, a few wrongly labelled pixels may pull a forearm
+    in every frame. So if a joint's variance that follows from ``covariance`` is smaller than the variance that follows
+    from this frame alone, the larger variance is used.
     """
     places, bones = body.mesh.joints(posed.transforms), joint_bones(body.points.asset)
     variance = config.inflation**2 * _variance(body, posed, covariance, bones, places)
@@ -187,11 +190,11 @@ def smeared_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased if filters blur depth edges over a width of edge_m at the patient.
 
-    A node then gives the skin's place only to within the width of an edge. So all nodes in a square of this width count
-    as one observation. The filters blur every frame in the same way, so earlier frames add no knowledge. The direction
-    that the trunk faces is recognised by the difference between the trunk's breadth and depth, and both breadth and
-    depth have an error of edge_m. So joints off the trunk's axis have an additional error that is proportional to their
-    distance from the axis.
+    If edges are blurred, a node (point of the seen surface) gives the skin's place only to within the width of a
+    blurred edge. So all nodes in a square of this width count as one observation. The filters blur every frame in the
+    same way, so earlier frames add no knowledge. The direction that the trunk faces is recognised by the difference
+    between the trunk's breadth and depth, and both breadth and depth have an error of edge_m. So joints off the trunk's
+    axis have an additional error that is proportional to their distance from the axis.
     """
     posed = pose_points(body, pose)
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, registration.reaches_m[-1], registration)
@@ -205,7 +208,7 @@ def smeared_sigma(
     spread = _by_frame(body, pose, wide, vague_belief(pose).information, alike).spread
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    # mean over the three axes of an error that lies along a single axis
+    # the error lies along a single axis, so its mean square over the three axes is a third of its square
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + variance + turned))
 
@@ -223,8 +226,8 @@ def frame_errors(
 
     unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts. A
     body with another shape would have been registered in another pose. The errors include this effect, since pose and
-    shape are parameters of the same normal equations. Where skin is seen, the joints of the two bodies lie at almost
-    the same places, even if the lengths of their bones differ.
+    shape are parameters of the same normal equations. Where skin is seen, the joints of bodies with different shapes
+    lie at almost the same places after registration, even if the lengths of their bones differ.
     """
     posed, fewer_nodes = pose_points(body, pose), replace(config, node_count=min(config.node_count, FRAME_NODES))
     rows = surface_constraints(posed, evidence.surface, evidence.cameras, config.reaches_m[-1], fewer_nodes)
@@ -255,7 +258,8 @@ class _FromFrame(NamedTuple):
 def _by_frame(
     body: Body, pose: Pose, rows: Constraints, known: np.ndarray, alike: float, free: FreeShape | None = None
 ) -> _FromFrame:
-    """Return the joints' errors from one frame's rows, the joint ranges and ``known``.
+    """Return the joints' errors that follow from one frame's rows, the joint ranges and the knowledge of the pose from
+    earlier frames (``known``).
 
     Rows, joint ranges and ``known`` may pull a joint away from its place in the pose; this distance is part of the
     error. known (POSE_SIZE, POSE_SIZE): inverse covariance of the pose given earlier frames; alike: rows per
@@ -277,10 +281,11 @@ def unexplained_sigma(
 ) -> np.ndarray:
     """Return sigma_m (21,), increased because limbs may lie on seen skin that the body does not cover.
 
-    Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root. The limb's end
-    may lie at the piece's tip instead of its present place. The log odds for this place are the log likelihood that the
-    limb would gain on the piece, minus the log likelihood that the limb would lose at its present place. An elbow or
-    knee may lie at the piece's tip, too; then the log likelihood of the whole limb would be lost.
+    Each uncovered piece of surface is assigned to the limb whose skin is nearest to the piece's root, where the piece
+    meets the covered skin. The limb's end may lie at the piece's tip instead of its present place. The log odds for
+    this place are the log likelihood that the limb would gain on the piece, minus the log likelihood that the limb
+    would lose at its present place. An elbow or knee may lie at the piece's tip, too; then the log likelihood of the
+    whole limb would be lost.
     """
     posed = pose_points(body, pose)
     joints, variance = body.mesh.joints(posed.transforms), sigma_m**2
@@ -317,10 +322,10 @@ def before_lost_ends(
     """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``), and for
     their wrists and ankles.
 
-    If cameras see past the place of a hand, its forearm may have been fitted to another person's arm. So the wrist of a
-    lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as an additional
-    error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The same holds for
-    ankle and foot.
+    If cameras see past the place of a hand, the forearm of this hand may have been fitted to another person's arm. So
+    the wrist of a lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as
+    an additional error. The lost hand gets this error, too, since the hand's place follows from the wrist's place. The
+    same holds for ankle and foot.
     """
     told, sigma = list(states), sigma_m.copy()
     for chain in CHAINS:

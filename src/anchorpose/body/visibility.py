@@ -66,7 +66,7 @@ class SkinReason(IntEnum):
 
 
 class Projection(NamedTuple):
-    """A camera in the form that compiled code needs."""
+    """A camera's pose and lens as arrays, for compiled code."""
 
     T_world_camera: np.ndarray  # (4, 4)
     T_camera_world: np.ndarray  # (4, 4)
@@ -110,8 +110,8 @@ def joint_states(
 
     covering (p,) bool: skin points that are nearest to a node of the surface (``Explanation.covering``). Skin that lies
     at the patient's pixels but covers no node, such as an arm inside the trunk, counts as behind the seen surface. A
-    joint is lost if some camera sees past more of the skin around the joint than is hidden from this camera or outside
-    its image, and no camera sees the patient there.
+    joint is lost if no camera sees the patient at the joint, and some camera reads something farther away at more of
+    the skin points around the joint than are hidden from this camera or outside its image.
     """
     votes = np.zeros((JOINT_COUNT, SkinReason.PAST + 1))
     observed, possible, refuted = (np.zeros(JOINT_COUNT, dtype=bool) for _ in range(3))
@@ -178,7 +178,8 @@ def skin_reasons(posed: PosedPoints, view: View, camera: Camera, reach_m: float)
 def pixels_of(
     points: np.ndarray, projection: Projection, height: int, width: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return column and row (n,), -1 outside the image, and depth z (n,) in metres.
+    """Return the column and row (n,) of each point's pixel, -1 outside the image, and the point's depth z (n,) in
+    metres.
 
     ``Camera.pixel_of`` is the reference implementation.
     """

@@ -49,7 +49,8 @@ REMEDY: Final = "export it by tools/train_descriptor.py, or use the weights of t
 class Described(NamedTuple):
     """The descriptor's outputs for the pixels on a grid of (h, w) rays, which are a hundredth of a focal length apart.
 
-    place, error and pelvis_m are NaN if the probability of a person is below a half.
+    The fields ``place``, ``error`` and ``pelvis_m`` are NaN if the probability that the pixel shows a person is below a
+    half.
     """
 
     row: np.ndarray  # (h, w) int64, row of each ray's pixel in the image, 0 without a reading
@@ -101,9 +102,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def _parts(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the file's description and the network; check by a hash that the network is the network that was
-    exported.
-    """
+    """Return the file's description and the network; check by a hash that the network is unchanged since its export."""
     line, _, network = read_whole(path, LARGEST_BYTES, REMEDY).partition(b"\n")
     try:
         head = json.loads(line) if len(line) < LONGEST_LINE else None
@@ -153,8 +152,8 @@ _lock: Final = Lock()
 
 
 def described(depth_m: np.ndarray, camera: Camera) -> Described:
-    """Return ``describe`` of an image. The results for the last images are kept in memory, since several stages need
-    them.
+    """Return the descriptor's outputs for an image, as ``describe`` computes them. The results for the last images are
+    kept in memory, since several stages need them.
 
     An image must not be changed after it was described, since this function recognises an image by its identity and not
     by its content. Raises InputError with the camera's name if ``describe`` raises an error.
@@ -195,7 +194,9 @@ def _nearest_rays(intrinsics: Intrinsics, width: int, height: int) -> tuple[np.n
 
 
 def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Return x and y (2,) of the first ray of the network's image, and the image's width and height in rays."""
+    """Return x and y (2,), at depth 1, of the ray in the first column and row of the network's image, and the image's
+    width and height in rays.
+    """
     flat = rays.reshape(-1, 2)
     low = np.maximum(np.nanmin(flat, axis=0), -WIDEST)
     size = np.floor((np.minimum(np.nanmax(flat, axis=0), WIDEST) - low) * FOCAL_PX).astype(int) + 1
@@ -208,7 +209,7 @@ def _extent(rays: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 def inputs_of(depth_m: np.ndarray) -> np.ndarray:
     """Return the network's input (5, h, w) float32 for depth (h, w): depth, whether the pixel has a reading, relief
-    relative to two local means, and 1 / depth.
+    (depth minus the local mean) in two windows (``WINDOWS``), and 1 / depth.
 
     The function ``inputs_of`` in ``tools/train_descriptor.py`` must give the same values.
     """

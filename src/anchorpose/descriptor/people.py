@@ -57,7 +57,8 @@ def find_people(
     said, depths_m: one per camera, None without an image; poses: T_common_camera (4, 4) of each camera. A pelvis is
     where the votes of all cameras are densest, weighted by the area that each pixel shows. The next pelvis is searched
     among the votes at least ``APART_M`` from all pelvises found before. A pixel belongs to the pelvis nearest to its
-    vote, if that is within ``STRAY_M``. People with a seen area below ``LEAST_AREA_M2`` are left out.
+    vote, if this pelvis is within ``STRAY_M`` of the vote. People with a seen area below ``LEAST_AREA_M2`` are left
+    out.
     """
     votes = [_votes(one, depth, pose) for one, depth, pose in zip(said, depths_m, poses, strict=True)]
     shown = [one for one in votes if one is not None]
@@ -171,7 +172,7 @@ def _densest(votes_m: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _weight_near(places_m: np.ndarray, votes_m: np.ndarray, weight: np.ndarray, reach_m: float) -> np.ndarray:
-    """Return the total weight (k,) of the votes within reach of each place (k, 3)."""
+    """Return the total weight (k,) of the votes (n, 3) within reach_m of each place (k, 3)."""
     found = np.zeros(len(places_m))
     for k in range(len(places_m)):
         x, y, z = places_m[k]
