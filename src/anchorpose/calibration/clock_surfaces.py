@@ -34,8 +34,8 @@ SPREAD_FRAMES: Final = 8
 # with this spacing, a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
-# minimum change of a pixel's depth within a clip, in sigmas of the pixel's noise; noise alone causes 3 sigmas in eight
-# frames
+# minimum change of a pixel's depth within a clip (largest minus smallest), in sigmas of the pixel's noise; on a still
+# surface, noise makes eight readings span about 3 sigmas
 MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05

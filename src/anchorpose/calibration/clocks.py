@@ -124,16 +124,16 @@ SPREAD: Final = 3  # every third window is compared first, so that the windows c
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
-# minimum for each of two shares: for every camera, the share of the compared windows that give a lag of this camera
-# which is not an outlier; and the share of all lags that are not outliers
+# minimum share, used twice: in at least this share of the compared windows, every camera must have a lag that is not an
+# outlier; and at least this share of all lags must not be outliers
 AGREEING: Final = 0.75
 # s, maximum rms residual of lags that count as agreeing; a sixth of the time between two frames at 15 Hz
 APART_S: Final = 0.01
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording. At 30 Hz, this is half of the largest time between
-# paired frames
+# s, maximum accepted sigma of a clock at both ends of the recording. Frames of two cameras that are paired by time lie
+# up to 16 ms apart at 30 Hz; the limit is half of this
 WORST_SIGMA_S: Final = 0.008
 # number of frames whose median replaces a missing image of the empty room; the median shows few people
 FLOOR_FRAMES: Final = 9
@@ -272,7 +272,7 @@ def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
     """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, the windows'
     lags scatter.
 
-    tried: number of windows in which lags were searched; a short recording has fewer than ``CONFIRMING``.
+    tried: number of windows in which lags were searched: ``CONFIRMING``, or fewer in a short recording.
     """
     if not _agreeing(lags, count):
         return False

@@ -32,8 +32,9 @@ ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum difference between two poses of symmetric equipment, in the share of a camera's points that another camera
-# sees through. The pose with the smallest share is accepted only if all others have a share larger by at least this
+# minimum lead of the best among the possible poses of symmetric equipment. The best pose is the pose with the smallest
+# share of points that another camera sees through; it is accepted only if every other pose has a share that is larger
+# by at least this value
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 

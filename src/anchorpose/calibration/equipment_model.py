@@ -293,8 +293,9 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test rotations of the equipment, in steps of ``STEP_DEG``, about two vertical axes: one through the centre of the
     bounding box, one through the centre of the surface.
 
-    For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
-    mixes round and square tubes the sampled centre of the surface is shifted.
+    For each angle, the centre with the smaller deviation counts. Both axes are tried, because a symmetry keeps both
+    centres in place, but in a model that mixes round and square tubes the centre of the surface, computed from sampled
+    points, is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()

@@ -76,9 +76,11 @@ class NoPose(StrEnum):
 class PartEvidence:
     """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    Areas of the predicted surface: on: seen in its place; through: seen through; hidden: hidden or out of range;
-    unread: without a reading. pixels: number of the part's pixels that are not hidden; shift_m: apparent displacement
-    of the part, NaN if inaccurate. filled_share, outlined_share: see ``_outline_shares``.
+    on_m2, through_m2, hidden_m2, unread_m2: area of the predicted surface that is seen in its place, that is seen
+    through, that is hidden or out of range, and that has no reading. pixels: number of the part's pixels that are not
+    hidden; shift_m: apparent displacement of the part, NaN if inaccurate. filled_share: share of the outline's points
+    on seen parts at which the surface continues beyond the outline; outlined_share: share of the outline's unhidden
+    points at which the surface ends as predicted.
     """
 
     on_m2: np.ndarray

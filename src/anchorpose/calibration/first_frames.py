@@ -25,9 +25,9 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
     depths_m: depth frames (height, width) float32, 0 = no reading. The second difference along a plane is zero, so
-    second differences are noise; medians ignore edges. The standard deviation of rounding to grey values is included.
-    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError if no three
-    neighbouring pixels have a reading.
+    second differences are noise; medians ignore edges. The factor includes the error that is due to rounding depth to
+    whole grey values. Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError if no
+    three neighbouring pixels have a reading.
     """
     ratios = []
     for depth in depths_m:
@@ -43,7 +43,7 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Return the factor of the depth step from one grey value to the next, ``step_per_m z^2`` (unit 1/m); 0 if all
+    """Return the factor s (unit 1/m) in the law s z^2 for the step from one grey value to the next at depth z; 0 if all
     values are equal.
 
     depths_m: as for ``noise_per_m``. In cameras that measure disparity, steps grow with the square of the distance.
@@ -143,7 +143,8 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
     return moved
 
 
-# minimum number of readings in a depth image; the smallest image has a hundred times as many pixels
+# minimum number of readings in which a floor is searched, and of points on people that show which way is up; the
+# smallest depth image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
 # m, unevenness of a hard floor. It is added to the noise; otherwise near pixels, which have little noise, would
@@ -174,8 +175,8 @@ SUNK_M: Final = 0.10
 LEAST_SHARE: Final = 0.02
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of planes drawn at random. On real floors, 20 to 50 % of the readings are on the floor; with only 10 %, one
-# draw in 1000 would have all three points on the floor
+# number of planes drawn at random, each through three readings. In real rooms, 20 to 50 % of the readings are on the
+# floor, so at least one draw in 125 has all three readings on the floor; with only 10 %, it would be one draw in 1000
 TRIALS: Final = 300
 SAMPLE: Final = 6000  # number of readings drawn at random; readings on and below each plane are counted among these
 
@@ -211,7 +212,8 @@ def floor_of_room(
 ) -> FloorPlane | NoFloor:
     """Return the floor in the depth image of the empty room or, without such an image, in the median of the frames.
 
-    Objects in front of the room, mainly people, must stand on the floor; a plane with legs below it is a table.
+    Almost no points of people and other objects in front of the room may lie below the floor: a plane with legs below
+    it is a table.
     """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
@@ -309,8 +311,9 @@ def _vote(
     """Return the plane (4,) (up, height) for which the number of points on it, minus the number of points below it, is
     largest; None if no plane is a floor.
 
-    Depth noise of a z^2 along a ray displaces a point on the floor by only a z h perpendicular to the floor, where h is
-    the height of the camera, since the ray meets the floor at a grazing angle.
+    Noise of the depth z with the standard deviation a z^2 (a: ``noise_per_m``) displaces a point on the floor along its
+    ray. Perpendicular to the floor, the displacement is only a z h, where h is the camera's height above the floor,
+    since the ray meets the floor at a grazing angle.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)

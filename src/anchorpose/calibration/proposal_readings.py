@@ -102,8 +102,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    # noise of a z^2 along a ray changes the height of a floor point by a z h, where h is the camera's height above the
-    # floor
+    # noise with sigma a z^2 along a ray (a: ``noise``, z: depth) changes the height of a point on the floor by a z h,
+    # where h (``lift``) is the camera's height above the floor
     lift = abs(camera.position_m[1] - floor_height_m)
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
@@ -119,8 +119,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels beside free-standing objects that are not clearly behind them. These pixels
-    mix object and background, or show the object.
+    """Return (height, width) bool: pixels beside free-standing objects whose depth is not clearly behind these objects.
+    Such a pixel mixes object and background, or shows the object.
     """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
@@ -227,7 +227,9 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
 
 
 class _Grown(NamedTuple):
-    """A part grown from a place: the indices of its points, and its axes as in ``Found``."""
+    """A part that was found by adding neighbouring points to a starting point: the indices of its points, and its axes
+    as in ``Found``.
+    """
 
     members: np.ndarray
     rotation: np.ndarray
@@ -240,7 +242,9 @@ and the points near the place.
 
 
 def _largest(points: np.ndarray, rng: np.random.Generator, grow: _Grow, near_m: float) -> _Grown | None:
-    """Return the part with the most points among the parts at random places."""
+    """Search for a part around each of some points drawn at random, and return the part with the most points; None if
+    no part is found.
+    """
     tree = cKDTree(points)
     places = points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]
     grown = (grow(points, place, points[tree.query_ball_point(place, near_m)]) for place in places)
@@ -253,7 +257,9 @@ def _bar_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Grown
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the points (n,) bool on the bar through a place, and its direction; None without a bar there."""
+    """Return (n,) bool: the points on the bar that passes through ``place``, and the bar's direction; None if no bar
+    passes there.
+    """
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):
@@ -330,7 +336,9 @@ def _plate_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Gro
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
-    """Return the share of a disc's cells that contain a point. offset (n, 3): points relative to the disc's centre."""
+    """Divide a disc into cells, and return the share of the cells that contain a point. offset (n, 3): points relative
+    to the disc's centre.
+    """
     reach = int(PLATE_RADIUS_M / CELL_M)
     cell = np.rint(offset @ axes[:, 1:] / CELL_M).astype(int)
     cell = cell[(np.abs(cell) <= reach).all(axis=1)] + reach

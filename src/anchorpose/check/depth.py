@@ -272,7 +272,7 @@ def _size(material: Material) -> Finding:
         return Finding("depth unit", Level.GREEN, measured)
     tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    # the median, since a raised hand adds to the height, but is seldom raised for long
+    # the median of the heights counts, since a raised hand adds to the height, but is seldom raised for long
     if np.median(tallest) > TOO_TALL_M or tall_m < TOO_SHORT_M:
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:

@@ -198,8 +198,8 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Return the recording with only every n-th frame of cameras that are faster than clocks and poses need; a short
-    recording is returned whole.
+    """Return the recording with only every n-th frame of each camera whose frame rate is higher than needed to find
+    clocks and poses; a short recording is returned whole.
     """
     if min(len(stream.files) for stream in recording.streams) < SHORT:
         return recording

@@ -299,8 +299,8 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
     """Return the description of a user's column: a column of numbers if ``entry`` gives a unit, else a column of texts.
-    Raises InputError if all cells are numbers and ``entry`` gives neither their unit nor levels (the meaning of each
-    value), except for ``BLOCK_COLUMN``.
+    The column ``BLOCK_COLUMN`` is always a column of texts. Raises InputError if all cells of another column are
+    numbers and ``entry`` gives neither their unit nor levels (the meaning of each value).
     """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]

@@ -104,8 +104,8 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file that raises OSError instead of waiting for content that does not exist yet. Without this class, reading
-    the system's log, for example, would wait.
+    """A file that raises OSError instead of waiting for content that does not exist yet. Without this class, reading a
+    special file such as the system's log would wait for new content.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
