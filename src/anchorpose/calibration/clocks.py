@@ -117,8 +117,8 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-# maximum number of windows, spread over the whole recording, since a drift shows in the difference between the lags at
-# the recording's beginning and at its end
+# maximum number of windows (short parts of the recording in which lags are measured). They are spread over the whole
+# recording, since a drift shows in the difference between the lags at its beginning and at its end
 WINDOWS: Final = 10
 SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
@@ -269,8 +269,8 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, the windows'
-    lags scatter.
+    """Return whether the lags that were measured in the first windows (short parts of the recording) confirm the rough
+    lags; if the rough lags are wrong, the lags of different windows scatter.
 
     tried: number of windows in which lags were searched: ``CONFIRMING``, or fewer in a short recording.
     """
@@ -303,8 +303,8 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """Fit the clocks to the lags of the first windows; add windows until the clocks are accurate. Return None without
-    lags.
+    """Fit the clocks to the lags that were measured in the first windows (short parts of the recording); then measure
+    lags in further windows until the clocks are accurate. Return None without lags.
     """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:

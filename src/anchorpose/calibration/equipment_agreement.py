@@ -160,8 +160,9 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """Return the cameras with poses in one world whose X is the direction that the patient faces, and notes on how X
-    was chosen.
+    """Return the cameras with poses in one world, and notes. If the equipment looks the same from several sides, the
+    cameras are compared to find from which side each camera saw it; if no pose is given, ``choose_heading`` then
+    decides in which direction X of the world points.
     """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)
@@ -195,8 +196,9 @@ def resolve_symmetry(
 def _agreeing_turns(
     inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return, for each camera in ``free``, the turn among ``choices`` after which this camera agrees best with the
-    first camera that is not in ``free``. Raises InputError if no turn is clearly the best.
+    """Return, for each camera in ``free`` (cameras that may have seen the symmetric equipment from another side), the
+    turn among ``choices`` after which this camera agrees best with the first camera that is not in ``free``. Raises
+    InputError if no turn is clearly the best.
     """
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
     best = []

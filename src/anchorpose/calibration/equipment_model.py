@@ -172,8 +172,8 @@ OUTSIDE_POINTS: Final = 1000
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape. The standing frames of
-# two clinics differ by more than this, so they are not confused
+# m, maximum deviation of a real part from its place in equipment.json, where lengths are measured by tape. The standing
+# frames of two clinics differ by more than this, so a model of another clinic's standing frame is rejected
 SAME_M: Final = 0.012
 # m; if the equipment coincides with itself within this distance after a rotation, the search may confuse the two
 # directions

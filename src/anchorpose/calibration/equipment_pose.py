@@ -294,7 +294,9 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and the best pose refined after each turn of ``Symmetry.alike``."""
+    """Return the refined poses of the best search results. Also turn the best of them by each rotation of
+    ``Symmetry.alike`` (after which the equipment looks similar), and return these poses, refined again.
+    """
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:

@@ -23,7 +23,8 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import read_image
 from anchorpose.rotations import rigid
 
-# pixels, minimum side length of a tag; smaller tags have bits two pixels wide, and corners less accurate than assumed
+# pixels, minimum side length of a tag; in smaller tags, the squares of the code are only two pixels wide, and corners
+# are less accurate than assumed
 LEAST_SIDE_PX: Final = 14.0
 LEAST_BOARD_CORNERS: Final = 6
 DEPTH_READINGS: Final = 40  # maximum number of depth readings used per marker
@@ -305,8 +306,8 @@ def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return all residuals in sigmas: distances between projected and detected corners in the image, and distances of
-    the depth readings from the plane of their marker.
+    """Return all residuals in sigmas: differences between projected and detected corners in the image, and between the
+    depth readings and the plane of their marker.
     """
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX

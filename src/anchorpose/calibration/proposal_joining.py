@@ -121,8 +121,8 @@ def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readi
 
 
 def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
-    """Extend a part to the floor if its lower end is hidden by the floor's noise or by a runner; no part goes below the
-    floor.
+    """Extend a part to the floor if its lower end is so near to the floor that the floor's noise or a runner (a bar on
+    the floor) may hide the rest; cut off what lies below the floor.
     """
     upright = np.abs(fit.rotation[1])
     axis = int(np.argmax(upright))

@@ -55,12 +55,12 @@ def find_world(
 ) -> Calibration:
     """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment, the world is the equipment's frame
-    (Gamma_0). Without equipment, the world has Y up, the origin on the floor below the place where the patient is first
-    seen, and X from the patient towards the camera: the patient is assumed to face the camera, and a note states this
-    assumption. Other cameras are placed relative to the first by the people that both see (``placing``). rough_clocks:
-    whether the clocks are known only to 50 ms, so that these placements may be less accurate. Raises InputError if
-    poses are missing and cannot be found.
+    sample_frames: frames spread over the recording, in the order of time. With equipment, the world is the equipment's
+    frame (Gamma_0). Without equipment, the world has Y up, the origin on the floor below the place where the patient is
+    first seen, and X from the patient towards the camera: the patient is assumed to face the camera, and a note states
+    this assumption. Other cameras are placed relative to the first by the people that both see (``placing``).
+    rough_clocks: whether the clocks are known only to 50 ms, so that these placements may be less accurate. Raises
+    InputError if poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()

@@ -282,8 +282,9 @@ def _size(material: Material) -> Finding:
 
 
 def _heights_m(material: Material) -> tuple[list[float], list[float]]:
-    """Return heights in m above the floor in sampled frames: first of the patient where the head is in view, or of the
-    highest person if no patient was found; then of the highest person in each frame. Both are empty without a floor.
+    """Return two lists of heights in m above the floor, both empty without a floor. The second has the height of the
+    highest person in each sampled frame with people. The first has the patient's height in each frame in which the head
+    is in view; if no patient was found, it equals the second.
 
     The search for the patient may split a person who seems too tall into pieces. The height is still correct, since
     the highest piece counts.

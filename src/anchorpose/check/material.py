@@ -95,7 +95,8 @@ ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders
 # pixels, width of the strip along an image's edge that counts as its border, since filters leave outer rows without
 # readings
 BORDER_PX: Final = 4
-# m, maximum depth difference between a skin point of a roughly fitted body and a reading of the patient that shows it
+# m, maximum depth difference between a skin point of a roughly fitted body and a reading of the patient, for the
+# reading to count as a view of this point
 REACH_M: Final = 0.10
 
 

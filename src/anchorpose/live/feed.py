@@ -209,9 +209,10 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    The reference camera is the first camera in use that is not silent (``SILENT_S``); the time of its image is the time
-    of the set. A set is complete when every camera in use that is not silent has delivered an image of the set's time
-    or later, or when that time is longer ago than the usual interval between images.
+    A camera is silent if it has sent no image for ``SILENT_S``. The reference camera is the first camera in use that is
+    not silent; the time of its image is the time of the set. A set is complete when every camera in use that is not
+    silent has delivered an image of the set's time or later, or when that time is longer ago than the usual interval
+    between images.
     """
 
     def __init__(self, count: int) -> None:

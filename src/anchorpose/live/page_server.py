@@ -286,8 +286,8 @@ class _Handler(GuardedHandler):
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Answer a POST. ``patient``: the person with the given number becomes the patient. ``marker``: the given text
-        is stored as a marker in the recording.
+        """Answer a POST. If ``name`` is ``patient``, the person with the number in ``body`` becomes the patient. If
+        ``name`` is ``marker``, the text in ``body`` is stored as a marker in the recording.
         """
         if name == "marker":
             return self._keep_marker(body.get("text"))

@@ -161,9 +161,9 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    The function refuses missing and repeated columns, texts in place of numbers, and an unknown start. It refuses
-    trials that have no duration, overlap or lie outside the recording, and columns of numbers without a unit in the
-    JSON file beside the events file.
+    The function refuses missing and repeated columns, texts in place of numbers, and a recording whose start is
+    unknown. It refuses trials that have no duration, overlap or lie outside the recording, and columns of numbers
+    without a unit in the JSON file beside the events file.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []

@@ -326,7 +326,8 @@ def _damaged(error: Exception) -> DamagedBag:
     """Convert a library's error to DamagedBag; an error of the disk or a MissingPackage is raised again."""
     if isinstance(error, DamagedBag):
         return error
-    # a damaged bz2 stream raises OSError without errno, and a position outside the file raises OSError with EINVAL
+    # some errors of the type OSError mean damage of the bag, not of the disk: a damaged bz2 stream raises OSError
+    # without errno, and a position outside the file raises OSError with EINVAL
     of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_IOERR_READ:
         raise OSError(errno.EIO, os.strerror(errno.EIO)) from error

@@ -174,9 +174,10 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
-    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>`` with the
-    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in
-    their names, or with their positions if numbers are missing or repeated; and False.
+    """Return the images with the times in their names, and True, if all names have the form
+    ``<number>-<microseconds>``, the times have the intervals of a depth camera, and they are not times of day
+    (``<date>-<HHMMSSffffff>``). Otherwise return the images with the numbers in their names, or with their positions if
+    numbers are missing or repeated; and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -192,9 +193,10 @@ def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
 
 
 def _are_clock_times(micros: Sequence[int]) -> bool:
-    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is the case if the
-    last twelve digits of every number can be a time of day, and if these times have other intervals than the numbers as
-    microseconds. Within a minute, both interpretations give the same intervals, and the result is False.
+    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is so if the last
+    twelve digits of every number can be a time of day, and if the intervals between these times differ from the
+    intervals between the numbers taken as microseconds. If all times lie in the same minute, both interpretations give
+    the same intervals, and the result is False.
     """
     shifts = set[int]()
     for micro in micros:
