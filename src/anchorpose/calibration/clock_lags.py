@@ -26,8 +26,8 @@ from anchorpose.recording.depth_image import RecordedFrames
 # m above the floor, edges of the height bands; readings of the floor are below the lowest edge, and nobody reaches
 # above the highest edge
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m, maximum change of a pixel's depth from a frame to the next but one. A larger change counts as this value, because
-# the pixel then shows another surface
+# m, maximum change of a pixel's depth from a frame to the next but one. A larger change of depth counts as this value,
+# because the pixel then shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
@@ -157,7 +157,7 @@ def _vertex(score: np.ndarray, best: int) -> float:
 
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference between two clocks that count from the same epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block; the frames of a block give one signal of motion. People make several movements in 12 s
+# s, duration of a block; the frames of a block give one signal of motion, and people make several movements in 12 s
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
 WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras
@@ -172,8 +172,8 @@ DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock 
 PLACES: Final = 4  # number of times in each part of the recording at which ``busiest_times`` measures movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # s, time between the two frames whose difference measures the amount of movement
-# m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
-# value, since it shows another surface
+# m; a change of depth below the first value is ignored as noise. A change of depth above the second value counts as the
+# second value, since the pixel then shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 

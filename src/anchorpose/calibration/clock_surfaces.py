@@ -30,8 +30,8 @@ NOISE_FRAMES: Final = 16
 # number of frames, spread over a clip, by which the range of a pixel's depth over time is measured
 SPREAD_FRAMES: Final = 8
 
-# pixels, spacing of the grid of points. Not every pixel is used, since errors of neighbouring pixels are correlated;
-# with this spacing, a body has 1700 points
+# pixels, spacing of the grid of points. Points are not taken from every pixel, since errors of neighbouring pixels are
+# correlated; with this spacing, a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
 # minimum change of a pixel's depth within a clip (largest minus smallest), in sigmas of the pixel's noise; on a still
@@ -39,9 +39,9 @@ MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; sma
 MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-# m, maximum change of a pixel's depth for the pixel to show one moving surface. It applies to four consecutive frames
-# (0.1 s at 30 Hz, so the surface moves at 1.5 m/s or less), and in ``_moving`` to a whole clip; if the edge of an
-# object passes, the change is larger
+# m, maximum change of a pixel's depth for the pixel to show one moving surface. The limit applies to four consecutive
+# frames (0.1 s at 30 Hz, so the surface moves at 1.5 m/s or less), and in ``_moving`` to a whole clip; if the edge of
+# an object passes, the change is larger
 ONE_SURFACE_M: Final = 0.15
 # minimum cosine of the angle between a surface's normal and the ray, in both cameras; at flatter angles, readings are
 # imprecise

@@ -117,8 +117,9 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-# maximum number of windows (short parts of the recording in which lags are measured). They are spread over the whole
-# recording, since a drift shows in the difference between the lags at its beginning and at its end
+# maximum number of windows (short parts of the recording in which lags are measured). The windows are spread over the
+# whole recording, since the drift of a clock shows in the difference between the lags at the recording's beginning and
+# at its end
 WINDOWS: Final = 10
 SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
@@ -132,8 +133,8 @@ APART_S: Final = 0.01
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording. Frames of two cameras that are paired by time lie
-# up to 16 ms apart at 30 Hz; the limit is half of this
+# s, maximum accepted sigma of a clock at both ends of the recording. At 30 Hz, frames of two cameras that are paired by
+# time lie up to 16 ms apart; the limit of sigma is half of this time
 WORST_SIGMA_S: Final = 0.008
 # number of frames whose median replaces a missing image of the empty room; the median shows few people
 FLOOR_FRAMES: Final = 9

@@ -297,8 +297,9 @@ def paired_rows(
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # The pairs with the second camera as the target are moved into the first camera's frame. In these pairs the pose
-    # moves the target and not the source, so the sign of the derivative is reversed.
+    # The pairs with the second camera as the target are moved into the first camera's frame. In pairs with the second
+    # camera as the target, the pose moves the target's point and not the source's point, so the sign of the derivative
+    # is reversed.
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
     rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])

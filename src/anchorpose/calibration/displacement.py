@@ -30,16 +30,17 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
-# surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
+# minimum result of ``_support`` for a displacement to be stated. If ``_support`` returned less, correct poses seemed to
+# displace surfaces by 26 and 32 mm; if it returned more, by at most 9 mm. Without people in view, ``_support`` often
+# returns 0.001.
 LEAST_SUPPORT: Final = 0.02
 # m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
 STEP_M, STEP_RAD = 0.1, 0.2
 # m, maximum distance between two cameras' points that count as on one surface, when the misfits of the fitted and of
 # the given pose are computed
 COMPARED_M: Final = 0.15
-# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
-# only slides surfaces along themselves does not change the misfit
+# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fitted
+# pose that only slides surfaces along themselves has the same misfit as the given pose, so it does not count
 BETTER: Final = 0.8
 # m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
 # wrong by 2 % leave 15 to 25 mm

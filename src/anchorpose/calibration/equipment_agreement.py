@@ -33,8 +33,8 @@ FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cam
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
 # minimum lead of the best among the possible poses of symmetric equipment. The best pose is the pose with the smallest
-# share of points that another camera sees through; it is accepted only if every other pose has a share that is larger
-# by at least this value
+# share of points that another camera sees through; it is accepted only if the share of every other possible pose is
+# larger by at least this value
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 

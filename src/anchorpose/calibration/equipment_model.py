@@ -162,13 +162,13 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
-# minimum number of points of a part. Sometimes a small part alone distinguishes front from back, so small parts need
-# points, too
+# minimum number of points of a part. Sometimes only a small part distinguishes the front of the equipment from its
+# back, so small parts need points, too
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-# m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
-# pixels (readings between an edge and its background). But they are so near that, if the equipment is tried inside a
-# wall, the points lie in the wall, too
+# m, minimum and maximum distance of the points beside the equipment from its surface. Points beside the equipment lie
+# beyond the flying pixels (readings between an edge and its background), but so near to the surface that, if the
+# equipment is tried inside a wall, they lie in the wall, too
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5

@@ -43,7 +43,7 @@ MOST_THROUGH_OF_PART: Final = 0.35
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part to be judged
 # maximum share of the seen outline's points at which readings may continue beyond the outline at the same depth. If the
-# equipment is tried inside a wall, readings continue along the whole outline
+# equipment is tried inside a wall, the wall's readings continue beyond the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
 # px, maximum distance between a seen edge and the predicted edge; seen edges often have an error of one pixel
@@ -217,7 +217,8 @@ class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
 
-    Both sigmas include the systematic error of a camera, since this error does not become smaller with more pixels.
+    The standard deviations ``sigma_m`` and ``sigma_rad`` include the systematic error of a camera, since this error
+    does not become smaller with more pixels.
     """
 
     fit: Refined

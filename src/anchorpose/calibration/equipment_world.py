@@ -48,8 +48,8 @@ DOUBT_SHARE: Final = 0.2
 # if more than this share of the unhidden equipment is seen through, the equipment counts as gone
 GONE_SHARE: Final = 0.4
 # m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from the place where it should
-# be according to a given pose. A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of
-# 2.5 m.
+# be according to a given pose. A given pose that is wrong by 3 cm and 1 degree puts equipment at a distance of 2.5 m
+# only 7 cm from its true place.
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
 # minimum number of pixels that show the equipment or see through it; with fewer, frames are no evidence
 LEAST_PIXELS: Final = 100

@@ -46,7 +46,8 @@ def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor s (unit 1/m) in the law s z^2 for the step from one grey value to the next at depth z; 0 if all
     values are equal.
 
-    depths_m: as for ``noise_per_m``. In cameras that measure disparity, steps grow with the square of the distance.
+    depths_m: as for ``noise_per_m``. In cameras that measure disparity, the steps between grey values grow with the
+    square of the distance.
     """
     steps = []
     for depth in depths_m:
@@ -83,8 +84,9 @@ NEARER_M: Final = 0.15
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 # minimum share of the readings that show people in an image from which the room was removed, median over frames. In 139
-# such recordings the share is 1.0. In images with the room, it is 0.2 if the camera's range ends at 3 m, and 0.65 if
-# five people fill the image
+# recordings from which the room was removed, the share of readings that show people is 1.0. In images with the room,
+# the share of readings that show people is 0.2 if the camera's range ends at 3 m, and 0.65 if five people fill the
+# image
 ALONE_PEOPLE: Final = 0.6
 FRAMES_NEEDED: Final = 8  # minimum number of frames for a percentile of a pixel's readings over time to be meaningful
 USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
@@ -147,8 +149,8 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
 # smallest depth image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-# m, unevenness of a hard floor. It is added to the noise; otherwise near pixels, which have little noise, would
-# dominate the fit
+# m, unevenness of a hard floor. The unevenness is added to the noise of the readings; otherwise near pixels, which have
+# little noise, would dominate the fit of the floor
 FLATNESS_M: Final = 0.003
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm

@@ -169,8 +169,8 @@ WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the predict
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
 # squared sigmas (four sigmas), used for two limits. The mirrored pose of a flat layout must have a chi2 that is larger
-# than the best pose's chi2 by at least this value. A marker's depth readings may differ from its distance according to
-# the corners by at most this chi2
+# than the best pose's chi2 by at least this value. The difference between a marker's depth readings and its distance
+# according to the corners may have at most this chi2
 CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
@@ -198,7 +198,7 @@ class MarkerPose:
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
     """Return the recording with poses of all cameras that have an image of markers, and their records by camera name.
 
-    Cameras without such an image keep their given pose, if any. Raises InputError if no camera has such an image,
+    Cameras without an image of markers keep their given pose, if any. Raises InputError if no camera has such an image,
     if an image does not fit its camera, or if its markers do not give the pose.
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()

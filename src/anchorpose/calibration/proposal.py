@@ -22,7 +22,7 @@ from anchorpose.rotations import rotation_about_y
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
 # rad, maximum angle by which a part's axes are turned to lie along the common directions (the vertical, and the level
-# directions of most bars). Readings of another bar may cause an error of this size in a bar's direction
+# directions of most bars). Readings of another bar may cause an error of 10 degrees in the direction of a bar
 SNAP_RAD: Final = np.radians(10.0)
 # maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if the fit costs
 # more, the free axes are kept
@@ -177,7 +177,7 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """Fit a part. Its axes are set to the common directions (the vertical, and the level directions at the angle
+    """Fit a part. The part's axes are set to the common directions (the vertical, and the level directions at the angle
     ``yaw``) if they are nearly parallel to them.
 
     The fit is run twice, started once from a larger and once from a smaller box around the part, and the better result
@@ -247,8 +247,8 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part. If its axes lie along the common directions (see ``_snapped``), they stay there unless free axes
-    fit clearly better; a part with other axes is refitted with free axes.
+    """Refit the part. If the part's axes lie along the common directions (see ``_snapped``), they stay there unless
+    free axes fit clearly better; a part with other axes is refitted with free axes.
     """
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:

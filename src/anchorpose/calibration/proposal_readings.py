@@ -27,8 +27,8 @@ JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4
 # minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
 FREE_SHARE: Final = 0.5
-# pixels, width of the rim around free-standing objects. Readings in the rim are kept, since their rays pass beside the
-# object
+# pixels, width of the rim around free-standing objects. Readings in the rim are kept as evidence, since their rays pass
+# beside the object
 BEYOND_PX: Final = 14
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, since the room is out of range there
 UNREAD_PX: Final = 21  # pixels, minimum width of an area out of range; the unread side of a tube is narrower
@@ -161,8 +161,8 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 # m, maximum distance from a bar's middle line to its surface; bars are tubes of 3 cm to pads of 9 cm
 BAR_RADIUS_M: Final = 0.055
-# m from a bar's middle line, up to which readings beside the bar are counted. Few readings lie beside a real bar, many
-# beside a strip of a plate
+# m from a bar's middle line, up to which readings beside the bar are counted. Few readings lie beside a real bar, but
+# many lie beside a strip of a plate that looks like a bar
 SURROUNDINGS_M: Final = 0.10
 # maximum ratio of the readings beside a bar to the readings on it; above 0, since other bars may start from the bar
 MOST_BESIDE: Final = 0.5
@@ -170,8 +170,8 @@ LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are h
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
 SEEDS: Final = 120  # number of places, drawn at random, at which each bar or plate is searched
-# m, radius of a ball around a seed (a place drawn at random); the points in the ball give a bar's first direction. The
-# ball is twice as wide as a thick bar
+# m, radius of a ball around a seed (a place drawn at random); the points in the ball give a bar's first direction,
+# since the ball is twice as wide as a thick bar
 NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer pixels give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings on a plate can fill, but readings on a bar cannot
@@ -187,8 +187,8 @@ class Found:
     """A detected part. rotation (3, 3): the part's axes as columns; the last column is the direction of a bar, or the
     normal of a plate.
 
-    low, high (3,): extent of its visible points along the axes, relative to ``center_m``; members: indices of these
-    points.
+    low, high (3,): extent of the part's visible points along the axes, relative to ``center_m``; members: indices of
+    these points.
     """
 
     plate: bool

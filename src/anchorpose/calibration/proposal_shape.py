@@ -28,15 +28,15 @@ TRIALS: Final = 25  # maximum number of iterations of the solver; most fits conv
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
 # sine of 24 degrees; a part's extent along an axis counts as unseen if the angle from axis to line of sight is smaller.
-# At this angle, the visible side of a 5 cm bar is three pixels wide
+# At an angle of 24 degrees, the visible side of a 5 cm bar is three pixels wide
 ASLANT: Final = 0.4
 # factor by which the residual of the assumption that a bar is square, or a plate thin, is multiplied if no camera sees
 # the part's extent along one of its axes
 ASSUMED: Final = 20.0
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if no camera sees the end
-# maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. It is above 1, since
-# a box has one more free length
+# maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. The ratio is above 1,
+# since a box has one more free length than a tube, so that it fits a little better even if the part is a tube
 ROUNDER: Final = 1.12
 # minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12

@@ -34,14 +34,14 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of
 from anchorpose.rotations import rigid
 
 # rad (two degrees); if the floor that a camera sees is tilted by more than this in the world, a doubt about the
-# camera's pose is noted. Such a tilt displaces a point 1 m away by 3.5 cm
+# camera's pose is noted. A tilt of two degrees displaces a point 1 m away by 3.5 cm
 TILTED_RAD: Final = 0.035
 # rad (four degrees); if the floor that a camera sees is tilted by more than this in the world, the camera's pose is
 # wrong: floors are level to one degree, and lenses bend the seen floor by one degree more
 WORST_FLOOR_TILT_RAD: Final = 0.07
 # m, limits of the difference between the heights at which two cameras see the same floor; each height is known to 2 cm.
-# Above the first limit, a doubt is noted. Above the second limit, tracking is refused, since one height then has an
-# error of 7 cm or more
+# If two heights differ by more than the first limit, a doubt about a pose is noted. If two heights differ by more than
+# the second limit, tracking is refused, since at least one of the two heights then has an error of 7 cm or more
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -152,9 +152,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # The floor's height is measured at the patient's usual distance from the camera. At another place (below the
-        # camera, or where a level camera's optical axis meets the floor behind the wall), a small error of the tilt
-        # would change the height more.
+        # The floor's height is measured at the patient's usual distance from the camera. At another place on the floor
+        # (below the camera, or where a level camera's optical axis meets the floor behind the wall), a small error of
+        # the tilt would change the measured height more.
         ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])

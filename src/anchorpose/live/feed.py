@@ -60,7 +60,7 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-# A function that is called with each image. It returns the reason if it could not keep the image, else None.
+# A function that is called with each image. The function returns the reason if it could not keep the image, else None.
 Taker = Callable[[LiveImage], str | None]
 STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 REPORT_S: Final = 10.0  # s between two messages about the cameras

@@ -35,8 +35,9 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# Minimum score of the initial frame, in which tracking begins, as a share of the best frame's score. A lower share
-# permits a later initial frame, so fewer recorded frames must be tracked before live tracking begins.
+# Minimum score of the initial frame, in which tracking begins, as a share of the best frame's score. With a lower
+# minimum score, a later initial frame is permitted, so fewer recorded frames must be tracked before live tracking
+# begins.
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]

@@ -45,7 +45,7 @@ MOST_ALIKE: Final = 0.98
 # minimum share of readings that must have another reading at the pixel to their right; real images have 0.93 or more
 LEAST_BESIDE: Final = 0.5
 # minimum difference of two neighbouring readings that counts as a jump, divided by their distance from the camera.
-# Within one surface, only parts that are seen edge-on have larger differences
+# Within one surface, only parts that are seen edge-on have larger differences between neighbouring readings
 JUMP: Final = 0.1
 # maximum share of jumps among pairs of neighbouring readings; real cluttered rooms have up to 0.03
 MOST_JUMPS: Final = 0.25

@@ -1,6 +1,6 @@
 """Check before any work begins whether a path may be written, and write each file completely or not at all.
 
-These checks ensure that recordings, inputs and the user's files are never changed.
+The checks of this module ensure that recordings, inputs and the user's files are never changed.
 """
 
 from __future__ import annotations

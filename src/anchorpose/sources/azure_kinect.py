@@ -303,8 +303,8 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
     """Return the time in microseconds that the device's clock showed at the file's time 0, and an empty text. If the
     file does not state this time, return 0 and a note.
 
-    The recorder subtracts this time from all time stamps, and the SDK's player adds it again. The tag
-    K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
+    The recorder subtracts the device's time at the file's time 0 from all time stamps, and the SDK's player adds it
+    again. The tag K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
     """
     stated = container.metadata.get("K4A_START_OFFSET_NS", "")
     if re.fullmatch(r"[0-9]{1,19}", stated):

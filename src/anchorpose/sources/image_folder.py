@@ -45,8 +45,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import Reader, SourceCamera, json_object, require_counted
 
-# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit is
-# millimetres, the median exceeds the maximum, ``FARTHEST_M``.
+# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit of an image
+# is millimetres, the median of its readings exceeds the maximum, ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -78,8 +78,8 @@ def _open_array(path: Path) -> ImageFiles:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    # If the header states too many images, the array gets one image more than the file has room for. Reading this last
-    # image then reports that the end of the file is missing.
+    # If the header states too many images, the array gets one image more than the file has room for. An attempt to read
+    # the image for which the file has no room then reports that the end of the file is missing.
     most = path.stat().st_size // max(1, math.prod(shape[1:]) * kind.itemsize) + 1
     return image_array(path, (min(shape[0], most), *shape[1:]), kind, _reader(path, start, shape[1:], kind))
 
@@ -128,8 +128,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-# Maximum number of images of a folder that are tested. At least one must be 16-bit grey; the others may be colour
-# images.
+# Maximum number of images of a folder that are tested. At least one of the tested images must be 16-bit grey; the
+# others may be colour images.
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0

@@ -80,8 +80,8 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return a sort key. The key is lowest for the topic whose images are closest to the sensor's raw images: not
-        registered to the colour image, in whole numbers, not rectified, not compressed.
+        """Return a sort key. The sort key is lowest for the topic whose images are closest to the sensor's raw images:
+        not registered to the colour image, in whole numbers, not rectified, not compressed.
         """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
