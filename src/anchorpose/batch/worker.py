@@ -99,7 +99,9 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stop the children of a group on this worker and wait for them. No further child of the group is started here."""
+    """Stop the children of a group on this worker and wait for them. No further child of the group is started on this
+    worker.
+    """
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:

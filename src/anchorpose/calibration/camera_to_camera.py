@@ -27,8 +27,8 @@ from anchorpose.rotations import rigid, rotation_about_y
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-# s, minimum duration of a recording. In a shorter recording, people walk too little to show how the cameras are placed:
-# a recording of 4 s gave a wrong placement
+# s, minimum duration of a recording from which cameras are placed; in a shorter recording, people walk too little to
+# show how the cameras are placed, and a recording of 4 s gave a wrong placement
 LEAST_SPAN_S: Final = 8.0
 # number of placements from the search that are refined; the correct placement was always among the best three
 PLACES: Final = 8

@@ -26,7 +26,7 @@ from anchorpose.recording.depth_image import RecordedFrames
 # m above the floor, edges of the height bands; readings of the floor are below the lowest edge, and nobody reaches
 # above the highest edge
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m, maximum change of a pixel's depth from a frame to the next but one. A larger change of depth counts as this value,
+# m, maximum change of a pixel's depth from a frame to the second frame after it; a larger change counts as this value,
 # because the pixel then shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
@@ -295,9 +295,9 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the lags around which to search, each with its largest error. A lag of 0 is for clocks that count from the
-    same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two first times is
-    for recorders that were started together.
+    """Return the lags around which to search, each with its largest error. A lag of 0 is returned because clocks may
+    count from the same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two
+    clocks' first times is returned because recorders may have been started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)

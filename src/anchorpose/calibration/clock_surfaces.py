@@ -250,9 +250,9 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return three values that describe the sum of weight times rate times residual: its derivative by the lag; its
-    parts, one per chunk of time (``CHUNK_S``); and the number of residuals in the sum. At the true lag, the parts are
-    uncorrelated.
+    """Return three values that describe the sum, over all points, of weight times rate times residual: the derivative
+    of this sum by the lag; the sum's parts, one per chunk of time (``CHUNK_S``); and the number of residuals in the
+    sum. At the true lag, the parts are uncorrelated.
     """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M

@@ -26,15 +26,14 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # approximate number of points compared per depth frame
 FRAMES: Final = 6  # approximate number of frames in which two cameras are compared
-# m above the floor; lower points are left out, since the floor looks the same to a camera on the wrong side of the
-# equipment
+# m above the floor; lower points are not compared, since they may show the floor, which looks the same from every side
+# of the equipment
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum lead of the best among the possible poses of symmetric equipment. The best pose is the pose with the smallest
-# share of points that another camera sees through; it is accepted only if the share of every other possible pose is
-# larger by at least this value
+# minimum difference between the best and the second-best of the possible poses of symmetric equipment, in the share of
+# points that another camera sees through; with a smaller difference, no pose is accepted
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 
@@ -111,8 +110,8 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return ``share_seen_through`` for a pair of ``cameras`` (indices ``first`` and ``one.index``) in some sampled
-    frames.
+    """Return the share of points seen by one of two ``cameras`` (indices ``first`` and ``one.index``) that the other
+    camera sees through, in some sampled frames; None for too few points.
     """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [

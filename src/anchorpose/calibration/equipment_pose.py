@@ -197,7 +197,8 @@ def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose |
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
-# minimum ratio of the best accepted pose's score to the best score of all poses, accepted or rejected
+# minimum score of the best accepted pose, divided by the best score of all poses, accepted or rejected; with a smaller
+# ratio, no pose is accepted
 LEAST_LEAD: Final = 0.9
 RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose

@@ -121,8 +121,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Shift the ``cells`` (n, 3), each (y, x, z), to every place (x, z); return the weighted sum of the map's values
-    over the shifted cells, for each place.
+    """Place a pattern of ``cells`` (n, 3), each (y, x, z), at every position (x, z) of the map ``value``. Return, for
+    each position, the weighted sum of the map's values at the cells of the pattern.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)

@@ -27,7 +27,7 @@ JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4
 # minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
 FREE_SHARE: Final = 0.5
-# pixels, width of the rim around free-standing objects. Readings in the rim are kept as evidence, since their rays pass
+# pixels, width of the rim around free-standing objects in which readings are kept as evidence, since their rays pass
 # beside the object
 BEYOND_PX: Final = 14
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, since the room is out of range there

@@ -123,7 +123,7 @@ class _RosbagsFile(BagFile):
 
     @abstractmethod
     def _reader(self) -> Any:
-        """Return rosbags' reader of this file, not opened yet."""
+        """Return a reader of the package rosbags for this file; the reader is not opened yet."""
 
     def _open(self) -> list[tuple[int, Channel, int | None]]:
         try:
