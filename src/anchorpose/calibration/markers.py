@@ -168,9 +168,9 @@ DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white p
 WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-# squared sigmas (four sigmas), used for two limits. The mirrored pose of a flat layout must have a chi2 that is larger
-# than the best pose's chi2 by at least this value. The difference between a marker's depth readings and its distance
-# according to the corners may have at most this chi2
+# squared sigmas (four sigmas): minimum by which the chi2 of the mirrored pose of a flat layout must exceed the best
+# pose's chi2, and maximum chi2 of the difference between a marker's depth readings and its distance according to the
+# corners
 CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre

@@ -148,7 +148,7 @@ class Material:
 
     @property
     def floor_scenes(self) -> list[Scene]:
-        """Return the scenes of the cameras that see the floor."""
+        """Return, for each camera that sees the floor, the camera with its empty room and equipment."""
         residuals = () if self.settled is None else self.settled.calibration.residuals
         names = {floor.camera for floor in residuals}
         return [scene for scene in self.scenes if scene.camera.name in names]

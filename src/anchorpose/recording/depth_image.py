@@ -38,7 +38,8 @@ FARTHEST_M: Final = 20.0
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
 ROWS: Final = 128  # number of checked image rows, evenly spaced; surfaces are many rows high, so no surface is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
-# minimum number of readings for the limits below to apply; with fewer, images without a fault may exceed the limits
+# minimum number of readings for an image to be tested for equal values, missing neighbours and jumps; with fewer
+# readings, images without a fault may fail these tests
 ENOUGH: Final = 4000
 # maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
 MOST_ALIKE: Final = 0.98

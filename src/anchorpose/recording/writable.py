@@ -16,7 +16,7 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-# the name before the colon has at least two letters, since "C:/" is a Windows drive
+# the scheme before the colon (such as http) has at least two letters, since "C:/" is a Windows drive
 ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording
