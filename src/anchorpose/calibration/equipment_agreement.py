@@ -110,8 +110,8 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return the share of points seen by one of two ``cameras`` (indices ``first`` and ``one.index``) that the other
-    camera sees through, in some sampled frames; None for too few points.
+    """Return the share of points, seen by either of two ``cameras`` (indices ``first`` and ``one.index``) in some
+    sampled frames, that the other camera sees through; None for too few points.
     """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [

@@ -293,8 +293,8 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test rotations of the equipment, in steps of ``STEP_DEG``, about two vertical axes: one through the centre of the
     bounding box, one through the centre of the surface.
 
-    For each angle, the centre with the smaller deviation counts. Both axes are tried, because a symmetry keeps both
-    centres in place, but in a model that mixes round and square tubes the centre of the surface, computed from sampled
+    For each angle, the centre with the smaller deviation counts. A rotation that is a symmetry keeps both centres in
+    place. But in a model that mixes round and square tubes, the centre of the surface, which is computed from sampled
     points, is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]

@@ -227,9 +227,7 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
 
 
 class _Grown(NamedTuple):
-    """A part that was found by adding neighbouring points to a starting point: the indices of its points, and its axes
-    as in ``Found``.
-    """
+    """A part that was found around a starting point: the indices of the part's points, and its axes as in ``Found``."""
 
     members: np.ndarray
     rotation: np.ndarray

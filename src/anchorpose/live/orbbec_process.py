@@ -42,7 +42,7 @@ def main() -> int:
         return 0
     finally:
         pipeline.stop()
-    # the reason is printed after ``pipeline.stop``, which may print, too, since anchorpose shows the last line of
+    # the reason is printed last, after ``pipeline.stop``, which may print, too: anchorpose shows the last line of
     # standard error as the reason
     return refuse(problem)
 
