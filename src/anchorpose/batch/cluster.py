@@ -29,8 +29,8 @@ if find_spec("distributed") is None:
 SLURM: Final = "slurm"
 ADDRESSES: Final = ("tcp://", "tls://", "ucx://")
 CONNECT_S: Final = 20.0  # s, maximum time to connect to a scheduler
-# Maximum number of times that a job is repeated after its worker died. After one more death the job is given up, since
-# the job is probably the cause, for example because it needs too much memory.
+# Maximum number of times that a job is repeated after its worker died. A job whose worker dies once more is given up,
+# since the job is probably the cause of the deaths, for example because it needs too much memory.
 DEATHS: Final = 3
 
 SCHEDULING: Final = {
@@ -88,8 +88,8 @@ def connected(place: Place, jobs: int) -> Iterator[Client]:
         try:
             yield client
         finally:
-            # A worker that is being restarted may keep the cluster from closing in time. An error of this kind is
-            # ignored: all outcomes are known by then, and the workers end with this process.
+            # A worker that is being restarted may keep the cluster from closing in time. The TimeoutError that is then
+            # raised is ignored: all outcomes are known by then, and the workers end with this process.
             for each in (client, cluster):
                 with suppress(TimeoutError):
                     each.close()

@@ -321,7 +321,9 @@ def _short(name: str) -> str:
 
 
 def _key(name: str) -> str:
-    """Return a key that is equal for names that some systems do not distinguish (capitals, forms of accents)."""
+    """Return a key that is equal for names that some systems do not distinguish, since they differ only in capitals or
+    in the Unicode form of accents.
+    """
     return unicodedata.normalize("NFC", name.casefold())
 
 

@@ -47,8 +47,8 @@ AGAIN: Final = "write it again with 'anchorpose batch --summary'"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionRow:
-    """The row of a session in the table. state: one of ``STATES``; why: the reason why the session
-    failed, or why it is open although it has results. The fields from ``frames`` on are None unless the session is
+    """The row of a session in the table. state: one of ``STATES``; why: the reason why the session failed, or why it is
+    open (still to be tracked) although it has results. The fields from ``frames`` on are None unless the session is
     done.
 
     length_s: time from the first frame to the last. The shares (observed, inferred, lost) refer to all joints in all
@@ -130,14 +130,16 @@ def _outcome_file(out: Path, name: str) -> Path:
 
 
 def done_identity(results: Path) -> str | None:
-    """Return the identity in the run.json of a results folder; None if the folder has no such file or identity."""
+    """Return the identity (a hash of inputs, settings, code and libraries) that the run.json of a results folder
+    states; None if the folder has no such file or identity.
+    """
     path = results / RUN_FILE
     return read_run(path).get("identity") if path.is_file() else None
 
 
 def identity_of(session: Session, recording: Path, known: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the identity that a new run would have. known: SHA-256 by path within ``recording``, for files that
-    need not be read again.
+    """Return the identity (a hash of inputs, settings, code and libraries) that a new run of the session would have.
+    known: SHA-256 by path within ``recording``, for files that need not be read again.
     """
     from anchorpose.track_inputs import UserInputs, read_inputs
 
@@ -147,8 +149,8 @@ def identity_of(session: Session, recording: Path, known: Mapping[str, str] = Ma
 
 
 def is_current(session: Session, results: Path) -> bool:
-    """Return whether a new run would have the identity that the results state, without reading all depth images: the
-    hash of an image that still exists is taken from ``run.json``.
+    """Return whether the results are current: whether a new run would have the identity (a hash of inputs, settings,
+    code and libraries) that they state. Depth images are not hashed again if ``run.json`` has their hashes.
 
     Return True if nothing can be compared: the recording is at an address, does not exist, was not converted, or cannot
     be read.
@@ -174,8 +176,9 @@ def row_of(
 ) -> tuple[SessionRow, tuple[Measure, ...]]:
     """Return the row of a session from the files in the batch's folder, and the session's measures if it is done.
 
-    A session that failed in its last run counts as failed even if results exist. Results that a new run would replace
-    count as open. outcomes: for each session that has just run, by name, why it failed; None if it did not fail.
+    A session that failed in its last run counts as failed even if results exist. A session whose results a new run
+    would replace counts as open (still to be tracked). outcomes: for each session that has just run, by name, why it
+    failed; None if it did not fail.
     """
     results = out / RESULTS_FOLDER / session.name
     who: dict[str, Any] = {"session": session.name, "recording": session.shown, "subject": session.subject}
@@ -232,8 +235,8 @@ def _figures(results: Path) -> dict[str, Any]:
 
 
 def _measures(results: Path) -> tuple[Measure, ...]:
-    """Return the measures of a session, without measures that concern a single other person; empty if the session was
-    not measured.
+    """Return the measures of a session, except measures that refer to one particular person besides the patient; empty
+    if the session was not measured.
     """
     path = results / MEASURES_FILE
     return tuple(measure for measure in read_measures(path) if measure.person is None) if is_there(path) else ()

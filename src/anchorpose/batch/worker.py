@@ -31,8 +31,8 @@ ONE_THREAD: Final = dict.fromkeys(KERNELS, "1")
 """Environment variables that make a child process use one core only: several children run at once, one per worker."""
 
 STOP_S: Final = 15.0  # s, maximum wait for a child to end after SIGTERM; longer than ``ABANDONED_STOP_S``
-# s from SIGTERM to the forced end of a child whose worker was killed; it needs time to leave compiled code and delete
-# partial files
+# s from SIGTERM to the forced end of a child whose worker was killed; the child needs time to return from compiled code
+# and to delete partial files
 ABANDONED_STOP_S: Final = 10.0
 ABANDONED: Final = 143  # exit code of a child whose worker was killed, the same as after SIGTERM
 TAIL_BYTES: Final = 4096  # bytes at the end of a log in which its last line is searched for
@@ -74,8 +74,8 @@ def run_apart(name: str, work: bytes, log: str | None, group: str) -> Outcome:
 
 @contextmanager
 def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Yield a started child, or None if its group was stopped. The child runs in its own session of the operating
-    system, so Ctrl+C in a terminal does not reach the child.
+    """Yield a started child process; yield None if the jobs of its group were stopped before. The child runs in its own
+    session of the operating system, so Ctrl+C in a terminal does not reach the child.
     """
     if group in _stopped:
         yield None
@@ -99,7 +99,9 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stop the children of a group on this worker and wait for them. No further child of the group is started here."""
+    """Stop the children of a group on this worker and wait for them. No further child of the group is started on this
+    worker.
+    """
     _stopped.add(group)
     children = tuple(_running.get(group, ()))
     for process in children:

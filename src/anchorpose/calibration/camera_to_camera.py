@@ -27,8 +27,8 @@ from anchorpose.rotations import rigid, rotation_about_y
 from anchorpose.settings import Count, settings
 
 LEAST_MOMENTS: Final = 6
-# s, minimum duration of a recording. People walk too little in a shorter recording; a recording of 4 s gave a wrong
-# placement
+# s, minimum duration of a recording from which cameras are placed; in a shorter recording, people walk too little to
+# show how the cameras are placed, and a recording of 4 s gave a wrong placement
 LEAST_SPAN_S: Final = 8.0
 # number of placements from the search that are refined; the correct placement was always among the best three
 PLACES: Final = 8
@@ -209,8 +209,8 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
 
 
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
-    """Return the ``PLACES`` best distinct placements, best first, each T_first_second (4, 4) between the level frames
-    of the two views (``LevelView``).
+    """Return the ``PLACES`` best distinct placements, best first. Each is T_first_second (4, 4) between the level
+    coordinate frames (Y up, origin on the floor) of the two views.
 
     If the floor is known, the pose between two cameras is a rotation about the vertical and a shift over the floor. For
     every rotation, the two cameras' maps of the ground are correlated at all shifts at once. Each camera has one map of

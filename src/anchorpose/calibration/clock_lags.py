@@ -26,8 +26,8 @@ from anchorpose.recording.depth_image import RecordedFrames
 # m above the floor, edges of the height bands; readings of the floor are below the lowest edge, and nobody reaches
 # above the highest edge
 BANDS_M: Final = np.linspace(0.1, 2.0, 9)
-# m, maximum change of a pixel's depth from a frame to the next but one. A larger change counts as this value, because
-# the pixel then shows another surface
+# m, maximum change of a pixel's depth from a frame to the second frame after it; a larger change counts as this value,
+# because the pixel then shows another surface
 FAR_JUMP_M: Final = 0.08
 # pixels; every fourth pixel of every fourth row is used, which still leaves 900 pixels of a body
 SIGNAL_STEP_PX: Final = 4
@@ -157,12 +157,13 @@ def _vertex(score: np.ndarray, best: int) -> float:
 
 MOST_AHEAD_S: Final = 5.0  # s, maximum difference between two clocks that count from the same epoch
 MOST_LATE_S: Final = 15.0  # s, maximum time between the starts of two recorders with unrelated clocks
-# s, duration of a block; the frames of a block give one signal of motion. People make several movements in 12 s
+# s, duration of a block; the frames of a block give one signal of motion, and people make several movements in 12 s
 BLOCK_S: Final = 12.0
 BLOCKS: Final = 3  # number of blocks whose signals are compared; blocks with most movement come first
 WINDOW_S: Final = 2.0  # s, duration of a window; the surfaces in its frames are compared between cameras
 REACH_S: Final = 0.12  # s, maximum error of a lag from signals: twice the largest error that was found
-# s, systematic error of a window's lag; a sensor's error of 1 mm causes it on a surface that moves at 1 m/s
+# s, systematic error of a lag that is measured in one window (``WINDOW_S``); on a surface that moves at 1 m/s, an error
+# of 1 mm in the sensor's depth causes this error of the lag
 SYSTEMATIC_S: Final = 0.001
 LEAST_WINDOWS: Final = 2  # minimum number of windows whose lags must agree, unless the lag from signals is certain
 LEAST_FRAMES: Final = 8  # minimum number of frames in a window: the frames of a camera at 4 Hz in ``WINDOW_S``
@@ -171,8 +172,8 @@ DRIFT_SIGMA: Final = 1e-4  # s/s, standard deviation of a drift; a quartz clock 
 PLACES: Final = 4  # number of times in each part of the recording at which ``busiest_times`` measures movement
 STEP_PX: Final = 8  # pixels; every eighth pixel of every eighth row suffices to measure the amount of movement
 APART_S: Final = 0.2  # s, time between the two frames whose difference measures the amount of movement
-# m; a change of depth below the first value is ignored as noise. A change above the second value counts as the second
-# value, since it shows another surface
+# m; a change of depth below the first value is ignored as noise. A change of depth above the second value counts as the
+# second value, since the pixel then shows another surface
 LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 
@@ -247,8 +248,8 @@ def rough_lags(
 ) -> list[RoughLag | None]:
     """Return each camera's lag, found from signals of motion; None if no lag is found. If no lag of a camera is
     certain, the camera's best lags and the lag by the time stamps are compared, and the lag at which the camera's
-    surfaces fit the reference camera's surfaces best is chosen. If a certain lag contradicts the time stamps, surfaces
-    decide in the same way between this lag and the time stamps.
+    surfaces fit the reference camera's surfaces best is chosen. If a lag that counts as certain contradicts the time
+    stamps, surfaces decide in the same way between this lag and the time stamps.
     """
     same = [level if all(other is not None for other in levels) else None for level in levels]
     rough: list[RoughLag | None] = [REFERENCE, *[None] * (len(levels) - 1)]
@@ -282,8 +283,8 @@ def stamped_lags(frames: RecordedFrames) -> list[RoughLag | None]:
 
 
 def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
-    """Return the middle time of each block from which signals are computed, the block with most movement first; blocks
-    overlap by less than half.
+    """Return the middle times of the blocks (stretches of ``BLOCK_S`` seconds) from which signals are computed, the
+    block with most movement first; blocks overlap by less than half.
     """
     low, high = times_s[0] + BLOCK_S / 2, times_s[-1] - BLOCK_S / 2
     if low >= high:
@@ -294,9 +295,9 @@ def _blocks(times_s: np.ndarray, busiest_s: Sequence[float]) -> list[float]:
 
 
 def _guesses(reference_s: np.ndarray, other_s: np.ndarray) -> list[tuple[float, float]]:
-    """Return the lags around which to search, each with its largest error. A lag of 0 is for clocks that count from the
-    same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two first times is
-    for recorders that were started together.
+    """Return the lags around which to search, each with its largest error. A lag of 0 is returned because clocks may
+    count from the same epoch; it is left out if the two cameras' times hardly overlap. The difference between the two
+    clocks' first times is returned because recorders may have been started together.
     """
     common_s = min(reference_s[-1], other_s[-1]) - max(reference_s[0], other_s[0])
     together = (float(other_s[0] - reference_s[0]), MOST_LATE_S)
@@ -357,9 +358,9 @@ def _best_by_surfaces(
 
 
 def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s: Sequence[float]) -> list[PairLag]:
-    """Return the lag of each pair of cameras with poses, in each window in which this lag can be measured. Each lag is
-    stored relative to the pair's rough lag: if times count from 1970, the full lag may be so large that digits would be
-    lost.
+    """Return the lag of each pair of cameras with poses, measured in windows of ``WINDOW_S`` seconds around
+    ``times_s``; windows in which a lag cannot be measured are left out. Each lag is stored relative to the pair's rough
+    lag: if times count from 1970, the full lag may be so large that digits would be lost.
     """
     lags = []
     for at_s in times_s:
@@ -379,8 +380,8 @@ def fine_lags(frames: RecordedFrames, rough: Sequence[RoughLag | None], times_s:
 
 
 def _clip(frames: RecordedFrames, camera: int, at_s: float, rough: RoughLag | None) -> Clip | None:
-    """Return a camera's frames of a window, extended at both ends by the possible error of its rough lag; None if the
-    camera has too few frames, no rough lag or no pose.
+    """Return a camera's frames in the window of ``WINDOW_S`` seconds around ``at_s``, extended at both ends by the
+    possible error of its rough lag; None if the camera has too few frames there, no rough lag or no pose.
     """
     if rough is None or frames.cameras[camera].T_world_camera is None:
         return None

@@ -30,17 +30,18 @@ NOISE_FRAMES: Final = 16
 # number of frames, spread over a clip, by which the range of a pixel's depth over time is measured
 SPREAD_FRAMES: Final = 8
 
-# pixels, spacing of the grid of points. Not every pixel is used, since errors of neighbouring pixels are correlated;
-# with this spacing, a body has 1700 points
+# pixels, spacing of the grid of points. Points are not taken from every pixel, since errors of neighbouring pixels are
+# correlated; with this spacing, a body has 1700 points
 STEP_PX: Final = 3
 MOVED_M: Final = 0.01  # m, minimum change of a pixel's depth within a clip; smaller changes do not determine the lag
-# minimum change of a pixel's depth within a clip, in sigmas of the pixel's noise; noise alone causes 3 sigmas in eight
-# frames
+# minimum change of a pixel's depth within a clip (largest minus smallest), in sigmas of the pixel's noise; on a still
+# surface, noise makes eight readings span about 3 sigmas
 MOVED_GATE: Final = 6.0
 # m, maximum difference of two depths on one surface; a larger difference shows two surfaces, such as a hand and a trunk
 SAME_SURFACE_M: Final = 0.05
-# m, maximum change of a pixel's depth if the pixel shows one surface: over four consecutive frames, which span 0.1 s at
-# 30 Hz (so 1.5 m/s), and over a whole clip in ``_moving``; a passing edge exceeds it
+# m, maximum change of a pixel's depth for the pixel to show one moving surface. The limit applies to four consecutive
+# frames (0.1 s at 30 Hz, so the surface moves at 1.5 m/s or less), and in ``_moving`` to a whole clip; if the edge of
+# an object passes, the change is larger
 ONE_SURFACE_M: Final = 0.15
 # minimum cosine of the angle between a surface's normal and the ray, in both cameras; at flatter angles, readings are
 # imprecise
@@ -107,8 +108,8 @@ def surface_lag(first: Clip, second: Clip, around_s: float, reach_s: float) -> S
     too little movement in common, or if the search does not converge in this range.
 
     Evenly spaced lags are tried, and the best is refined by Newton steps. The Newton steps minimise the residuals of
-    both clips' points by robust least squares; each point is compared with the other clip. The standard error accounts
-    for correlated errors within ``CHUNK_S``.
+    both clips' points by robust least squares; each point is compared with the other clip. The standard error takes
+    into account that errors less than about ``CHUNK_S`` seconds apart are correlated.
     """
     there, back = _look_up(first, second), _look_up(second, first)
     step_s = 0.5 * there.period_s
@@ -214,8 +215,8 @@ def _residuals(look: _LookUp, lag_s: float, every: int = 1) -> tuple[np.ndarray,
     outer two frames, and from the inner two frames.
 
     The target's depth is interpolated between the inner two frames. The caller therefore multiplies the difference of
-    depths by the rate from the outer two. The rate from the inner two has the same noise as the interpolated depth, so
-    differences multiplied by this rate would pull the lag towards the middle between two frames.
+    depths by the rate from the outer two frames. The rate from the inner two frames shares its noise with the
+    interpolated depth, so differences multiplied by this rate would pull the lag towards the middle between two frames.
     """
     target_s, pixels = look.target.time_s, look.target.stack
     wanted_s = look.source.time_s + lag_s
@@ -249,9 +250,9 @@ def _truncated_misfit(there: _LookUp, back: _LookUp, lag_s: float) -> float:
 
 
 def _normal_equation(look: _LookUp, lag_s: float) -> tuple[float, np.ndarray, int]:
-    """Return three values that describe the sum of weight times rate times residual: its derivative by the lag; its
-    parts, one per chunk of time (``CHUNK_S``); and the number of residuals in the sum. At the true lag, the parts are
-    uncorrelated.
+    """Return three values that describe the sum, over all points, of weight times rate times residual: the derivative
+    of this sum by the lag; the sum's parts, one per chunk of time (``CHUNK_S``); and the number of residuals in the
+    sum. At the true lag, the parts are uncorrelated.
     """
     index, residual, rate, slope = _residuals(look, lag_s)
     same = np.abs(residual) < SAME_SURFACE_M

@@ -117,23 +117,24 @@ def _reached(lags: Sequence[PairLag], cameras: int) -> np.ndarray:
     return group == group[0]
 
 
-# maximum number of windows, spread over the whole recording, since a drift shows in the difference between the lags at
-# the recording's beginning and at its end
+# maximum number of windows (short parts of the recording in which lags are measured). The windows are spread over the
+# whole recording, since the drift of a clock shows in the difference between the lags at the recording's beginning and
+# at its end
 WINDOWS: Final = 10
 SPREAD: Final = 3  # every third window is compared first, so that the windows compared first already span the recording
 # number of windows compared first; the lags in these windows show whether the time stamps are correct to a tenth of a
 # second
 CONFIRMING: Final = 4
-# minimum for each of two shares: for every camera, the share of the compared windows that give a lag of this camera
-# which is not an outlier; and the share of all lags that are not outliers
+# minimum share, used twice: in at least this share of the compared windows, every camera must have a lag that is not an
+# outlier; and at least this share of all lags must not be outliers
 AGREEING: Final = 0.75
 # s, maximum rms residual of lags that count as agreeing; a sixth of the time between two frames at 15 Hz
 APART_S: Final = 0.01
 # s; if all clocks' sigmas are below this, no more windows are compared: a limb at 0.5 m/s moves 1 mm in 2 ms
 ENOUGH_S: Final = 0.002
 SIGNAL_SIGMA_S: Final = 0.03  # s, standard deviation of the errors of lags from signals of motion, on simulated clinics
-# s, maximum accepted sigma of a clock at both ends of the recording. At 30 Hz, this is half of the largest time between
-# paired frames
+# s, maximum accepted sigma of a clock at both ends of the recording. At 30 Hz, frames of two cameras that are paired by
+# time lie up to 16 ms apart; the limit of sigma is half of this time
 WORST_SIGMA_S: Final = 0.008
 # number of frames whose median replaces a missing image of the empty room; the median shows few people
 FLOOR_FRAMES: Final = 9
@@ -269,10 +270,10 @@ def estimate_clocks(frames: RecordedFrames, levels: Sequence[FloorPlane | None],
 
 
 def _is_confirmed(lags: Sequence[PairLag], count: int, tried: int) -> bool:
-    """Return whether the lags of the first windows confirm the rough lags; if the rough lags are wrong, the windows'
-    lags scatter.
+    """Return whether the lags that were measured in the first windows (short parts of the recording) confirm the rough
+    lags; if the rough lags are wrong, the lags of different windows scatter.
 
-    tried: number of windows in which lags were searched; a short recording has fewer than ``CONFIRMING``.
+    tried: number of windows in which lags were searched: ``CONFIRMING``, or fewer in a short recording.
     """
     if not _agreeing(lags, count):
         return False
@@ -303,8 +304,8 @@ def _fit(
     left_s: Sequence[float],
     span_s: tuple[float, float],
 ) -> ClockFit | None:
-    """Fit the clocks to the lags of the first windows; add windows until the clocks are accurate. Return None without
-    lags.
+    """Fit the clocks to the lags that were measured in the first windows (short parts of the recording); then measure
+    lags in further windows until the clocks are accurate. Return None without lags.
     """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:

@@ -232,8 +232,8 @@ def outside_silhouette(target: LevelView, source: LevelView, T_target_source: np
 def _pairs(
     target: LevelView, source: LevelView, T_target_source: np.ndarray, gate_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the paired points of source and target and the target's normals, (n, 3) each in the target frame, and the
-    moment (n,) of each pair.
+    """Return the paired points of source and target and the target's normals, (n, 3) each in the target frame, and (n,)
+    the index of the frame from which each pair is.
     """
     found = []
     for moment in range(len(source.seen)):
@@ -293,12 +293,13 @@ def paired_rows(
     points are paired with surfaces of the first camera, and vice versa.
 
     jacobian (n, 6): derivative by a small rotation and shift in the first camera's frame; residual (n,) in metres;
-    moment (n,) of each pair.
+    moment (n,): index of the frame from which each pair is.
     """
     points, there, normal, moment = _pairs(first, second, T_first_second, gate_m)
     back, seen, back_normal, back_moment = _pairs(second, first, invert_rigid(T_first_second), gate_m)
-    # The pairs with the second camera as the target are moved into the first camera's frame. In these pairs the pose
-    # moves the target and not the source, so the sign of the derivative is reversed.
+    # The pairs with the second camera as the target are moved into the first camera's frame. In pairs with the second
+    # camera as the target, the pose moves the target's point and not the source's point, so the sign of the derivative
+    # is reversed.
     here, seen = transform_points(T_first_second, back), transform_points(T_first_second, seen)
     turned = back_normal @ T_first_second[:3, :3].T
     rows = np.hstack([np.cross(points, normal), normal]), -np.hstack([np.cross(seen, turned), turned])

@@ -25,20 +25,22 @@ from anchorpose.calibration.common_view import (
 from anchorpose.calibration.first_frames import level_of_pose
 from anchorpose.camera import Camera, invert_rigid, transform_points
 
-# m, maximum distance of paired points in each iteration; with wrong intrinsics, paired points stay 5 cm apart
+# m, maximum distance of paired points in each iteration; it stays at 10 cm in the last iterations, since wrong
+# intrinsics leave paired points 5 cm apart
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. With smaller results, correct poses seemed to displace
-# surfaces by 26 and 32 mm; with larger results, by at most 9 mm. Without people in view, the result is often 0.001.
+# minimum result of ``_support`` for a displacement to be stated. If ``_support`` returned less, correct poses seemed to
+# displace surfaces by 26 and 32 mm; if it returned more, by at most 9 mm. Without people in view, ``_support`` often
+# returns 0.001.
 LEAST_SUPPORT: Final = 0.02
 # m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
 STEP_M, STEP_RAD = 0.1, 0.2
 # m, maximum distance between two cameras' points that count as on one surface, when the misfits of the fitted and of
 # the given pose are computed
 COMPARED_M: Final = 0.15
-# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fit that
-# only slides surfaces along themselves does not change the misfit
+# maximum misfit of the fitted pose, divided by the misfit of the given pose, for the fitted pose to count. A fitted
+# pose that only slides surfaces along themselves has the same misfit as the given pose, so it does not count
 BETTER: Final = 0.8
 # m, maximum residual of the fit for its rotation to be stated; correct poses leave up to 6 mm, intrinsics that are
 # wrong by 2 % leave 15 to 25 mm
@@ -60,7 +62,8 @@ class Displacement:
 def common_surfaces(
     camera: Camera, room_m: np.ndarray, background_m: np.ndarray | None, depths_m: Sequence[np.ndarray]
 ) -> LevelView:
-    """Prepare the view of a camera with a pose: the room as the first moment, then the people of each frame.
+    """Prepare the view of a camera with a pose: the first frame of the view has the surfaces of the room, and each
+    further frame has the people in one of the depth images.
 
     room_m, depths_m: (height, width) float32, 0 = no reading; background_m: depth image of the empty room, None without
     such an image.
@@ -126,7 +129,7 @@ def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -
             away_m = np.where(both.is_one_surface(COMPARED_M), both.away_m(), np.inf)
             found.append(away_m[both.is_comparable(COMPARED_M)])
     away_m = np.concatenate(found)
-    # the higher median, so that two numbers of which one is infinite have an infinite median
+    # the higher of the two middle values, so that the median of one finite and one infinite distance is infinite
     return float(np.partition(away_m, len(away_m) // 2)[len(away_m) // 2]) if len(away_m) else np.inf
 
 

@@ -26,14 +26,14 @@ APART_M: Final = 0.20
 NOISE_GATE: Final = 4.0
 POINTS: Final = 3000  # approximate number of points compared per depth frame
 FRAMES: Final = 6  # approximate number of frames in which two cameras are compared
-# m above the floor; lower points are left out, since the floor looks the same to a camera on the wrong side of the
-# equipment
+# m above the floor; lower points are not compared, since they may show the floor, which looks the same from every side
+# of the equipment
 ABOVE_FLOOR_M: Final = 0.15
 FLOOR_SIGMA_M: Final = 0.002  # m, sigma of the floor's mean height over all cameras
 FLOOR_SIGMA_RAD: Final = 0.0009  # rad, sigma of the floor's mean direction over all cameras: 0.05 degrees
 MOST_DISAGREEMENT: Final = 0.25  # maximum share of one camera's points that another camera may see through
-# minimum difference between two poses of symmetric equipment, in the share of a camera's points that another camera
-# sees through. The pose with the smallest share is accepted only if all others have a share larger by at least this
+# minimum difference between the best and the second-best of the possible poses of symmetric equipment, in the share of
+# points that another camera sees through; with a smaller difference, no pose is accepted
 LEAST_LEAD: Final = 0.15
 LEAST_COMPARED: Final = 300  # minimum number of compared points; with fewer, the share seen through is not computed
 
@@ -110,8 +110,8 @@ def share_seen_through(
 def _disagreement(
     inputs: EquipmentInputs, cameras: tuple[Camera, Camera], first: int, one: SeenEquipment
 ) -> float | None:
-    """Return ``share_seen_through`` for a pair of ``cameras`` (indices ``first`` and ``one.index``) in some sampled
-    frames.
+    """Return the share of points, seen by either of two ``cameras`` (indices ``first`` and ``one.index``) in some
+    sampled frames, that the other camera sees through; None for too few points.
     """
     frames = inputs.sample_frames[:: max(1, len(inputs.sample_frames) // FRAMES)]
     pairs = [
@@ -159,8 +159,9 @@ def refuse_contradiction(inputs: EquipmentInputs, cameras: Sequence[Camera], see
 def resolve_symmetry(
     inputs: EquipmentInputs, seen: Sequence[SeenEquipment], choose_heading: ChooseHeading | None
 ) -> tuple[list[Camera], list[str]]:
-    """Return the cameras with poses in one world whose X is the direction that the patient faces, and notes on how X
-    was chosen.
+    """Return the cameras with poses in one world, and notes. If the equipment looks the same from several sides, the
+    cameras are compared to find from which side each camera saw it; if no pose is given, ``choose_heading`` then
+    decides in which direction X of the world points.
     """
     given = [camera.T_world_camera is not None for camera in inputs.recording.cameras]
     cameras = list(inputs.recording.cameras)
@@ -194,8 +195,9 @@ def resolve_symmetry(
 def _agreeing_turns(
     inputs: EquipmentInputs, cameras: Sequence[Camera], free: Sequence[SeenEquipment], choices: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return, for each camera in ``free``, the turn among ``choices`` after which this camera agrees best with the
-    first camera that is not in ``free``. Raises InputError if no turn is clearly the best.
+    """Return, for each camera in ``free`` (cameras that may have seen the symmetric equipment from another side), the
+    turn among ``choices`` after which this camera agrees best with the first camera that is not in ``free``. Raises
+    InputError if no turn is clearly the best.
     """
     anchor = next(index for index in range(len(cameras)) if index not in {one.index for one in free})
     best = []

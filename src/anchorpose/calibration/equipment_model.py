@@ -162,18 +162,18 @@ def _window(camera: Camera, points_m: np.ndarray) -> tuple[int, int, int, int] |
 
 
 SURFACE_POINTS: Final = 2000  # number of surface points; a standing frame has 2 m^2, so there is one point per 10 cm^2
-# minimum number of points of a part. Sometimes a small part alone distinguishes front from back, so small parts need
-# points, too
+# minimum number of points of a part. Sometimes only a small part distinguishes the front of the equipment from its
+# back, so small parts need points, too
 LEAST_PER_PART: Final = 24
 OUTSIDE_POINTS: Final = 1000
-# m, minimum and maximum distance of the points beside the equipment from its surface. The points lie beyond the flying
-# pixels (readings between an edge and its background). But they are so near that, if the equipment is tried inside a
-# wall, the points lie in the wall, too
+# m, minimum and maximum distance of the points beside the equipment from its surface. Points beside the equipment lie
+# beyond the flying pixels (readings between an edge and its background), but so near to the surface that, if the
+# equipment is tried inside a wall, they lie in the wall, too
 OUTSIDE_M: Final = (0.05, 0.09)
 
 STEP_DEG: Final = 5
-# m, maximum deviation of a real part from equipment.json, whose lengths are measured by tape. The standing frames of
-# two clinics differ by more than this, so they are not confused
+# m, maximum deviation of a real part from its place in equipment.json, where lengths are measured by tape. The standing
+# frames of two clinics differ by more than this, so a model of another clinic's standing frame is rejected
 SAME_M: Final = 0.012
 # m; if the equipment coincides with itself within this distance after a rotation, the search may confuse the two
 # directions
@@ -293,8 +293,9 @@ def find_symmetry(model: EquipmentModel, samples: EquipmentSamples) -> Symmetry:
     """Test rotations of the equipment, in steps of ``STEP_DEG``, about two vertical axes: one through the centre of the
     bounding box, one through the centre of the surface.
 
-    For each angle, the centre with the smaller deviation counts. A symmetry preserves both centres, but in a model that
-    mixes round and square tubes the sampled centre of the surface is shifted.
+    For each angle, the centre with the smaller deviation counts. A rotation that is a symmetry keeps both centres in
+    place. But in a model that mixes round and square tubes, the centre of the surface, which is computed from sampled
+    points, is shifted.
     """
     points = samples.surface_m[:: max(1, len(samples.surface_m) // TRIED_POINTS)]
     same, alike, apart = list[np.ndarray](), list[np.ndarray](), list[float]()

@@ -43,7 +43,7 @@ MOST_THROUGH_OF_PART: Final = 0.35
 MOST_UNREAD_OF_PART: Final = 0.7
 LEAST_PIXELS_OF_PART: Final = 40  # minimum number of unhidden pixels for a part to be judged
 # maximum share of the seen outline's points at which readings may continue beyond the outline at the same depth. If the
-# equipment is tried inside a wall, readings continue along the whole outline
+# equipment is tried inside a wall, the wall's readings continue beyond the whole outline
 MOST_FILLED: Final = 0.5
 LEAST_OUTLINED: Final = 0.6  # minimum share of the outline's unhidden points at which the surface must end as predicted
 # px, maximum distance between a seen edge and the predicted edge; seen edges often have an error of one pixel
@@ -76,9 +76,11 @@ class NoPose(StrEnum):
 class PartEvidence:
     """The evidence in the depth frames for each part at a pose; arrays (parts,), areas in m^2.
 
-    Areas of the predicted surface: on: seen in its place; through: seen through; hidden: hidden or out of range;
-    unread: without a reading. pixels: number of the part's pixels that are not hidden; shift_m: apparent displacement
-    of the part, NaN if inaccurate. filled_share, outlined_share: see ``_outline_shares``.
+    on_m2, through_m2, hidden_m2, unread_m2: area of the predicted surface that is seen in its place, that is seen
+    through, that is hidden or out of range, and that has no reading. pixels: number of the part's pixels that are not
+    hidden; shift_m: apparent displacement of the part, NaN if inaccurate. filled_share: share of the outline's points
+    on seen parts at which the surface continues beyond the outline; outlined_share: share of the outline's unhidden
+    points at which the surface ends as predicted.
     """
 
     on_m2: np.ndarray
@@ -195,7 +197,8 @@ def why_rejected(pose: EquipmentPose, names: Sequence[str]) -> NoEquipmentPose |
 
 
 TRIED: Final = 6  # number of search results that are refined; the correct result was always among the best two
-# minimum ratio of the best accepted pose's score to the best score of all poses, accepted or rejected
+# minimum score of the best accepted pose, divided by the best score of all poses, accepted or rejected; with a smaller
+# ratio, no pose is accepted
 LEAST_LEAD: Final = 0.9
 RIVAL: Final = 0.75  # if another accepted pose has more than this share of the best score, the choice is ambiguous
 DISTINCT_M, DISTINCT_RAD = 0.08, 0.12  # m and rad; poses that differ by less than both are the same pose
@@ -215,7 +218,8 @@ class EquipmentPose:
     """The pose that was found. fit.T_camera_model maps the equipment's frame (Gamma_0) to the camera frame; evidence:
     how the depth frames agree with this pose.
 
-    Both sigmas include the systematic error of a camera, since this error does not become smaller with more pixels.
+    The standard deviations ``sigma_m`` and ``sigma_rad`` include the systematic error of a camera, since this error
+    does not become smaller with more pixels.
     """
 
     fit: Refined
@@ -292,7 +296,9 @@ def _refined(
 
 
 def _fits(view: StillView, equipment: Equipment, floor_m: float, config: EquipmentPoseConfig) -> list[EquipmentPose]:
-    """Return the refined best poses of the search, and the best pose refined after each turn of ``Symmetry.alike``."""
+    """Return the refined poses of the best search results. Also turn the best of them by each rotation of
+    ``Symmetry.alike`` (after which the equipment looks similar), and return these poses, refined again.
+    """
     prior = standing_prior(floor_m)
 
     def refined(starts: list[np.ndarray]) -> list[EquipmentPose]:

@@ -56,8 +56,8 @@ class StillView:
 
     @cached_property
     def still_m(self) -> np.ndarray:
-        """Return the depth (height, width) float32 of the surface that stays in the frames (``what_stays``), 0 =
-        unknown.
+        """Return the depth (height, width) float32 of the surface that each pixel shows in enough of the frames to
+        count as still (see ``what_stays``), 0 = unknown.
         """
         return what_stays(self.frames_m, self.noise_per_m)
 

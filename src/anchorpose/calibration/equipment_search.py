@@ -91,7 +91,9 @@ def fill_space(image: SearchImage, counts: tuple[int, int, int], wide_m: float) 
 
 @nb.njit(cache=True)
 def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
-    """Return UNKNOWN, OCCUPIED, FREE or BROAD for a cell at a point of the ground frame."""
+    """Return the state of the map cell at a point of the ground frame: OCCUPIED by a surface, BROAD if only broad flat
+    surfaces fill it, FREE if the camera sees through it, or UNKNOWN if the image shows none of these.
+    """
     still, weight, lens = image.depth_m, image.weight, image.lens
     height, width = still.shape
     cx, cy, cz = _transform(image.T_camera_ground, x, y, z)
@@ -119,8 +121,8 @@ def _state_of_cell(image: SearchImage, x: float, y: float, z: float) -> int:
 
 @nb.njit(cache=True, fastmath=True)
 def correlate(value: np.ndarray, cells: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Shift the ``cells`` (n, 3), each (y, x, z), to every place (x, z); return the weighted sum of the map's values
-    over the shifted cells, for each place.
+    """Place a pattern of ``cells`` (n, 3), each (y, x, z), at every position (x, z) of the map ``value``. Return, for
+    each position, the weighted sum of the map's values at the cells of the pattern.
     """
     _, nx, nz = value.shape
     total = np.zeros((nx, nz), np.float32)
@@ -210,7 +212,8 @@ def _score(place: np.ndarray, image: SearchImage, points: SearchPoints, toleranc
 @nb.njit(cache=True)
 def _at_edge(image: SearchImage, x: float, y: float, z: float, margin_m: float) -> bool:
     """Return whether one of the four pixels around a point in the camera frame reads the point's depth. If so, the
-    point lies less than a pixel inside a thin bar, and the point's own pixel may read the background.
+    point may lie on a thin bar although the point's own pixel reads the background: the point is then less than a pixel
+    inside the bar's edge.
     """
     column, row = pixel_of_ray(x / z, y / z, image.lens)
     c, r = int(np.floor(column)), int(np.floor(row))
@@ -322,8 +325,8 @@ def _distinct(places: np.ndarray, scores: np.ndarray, most: int) -> np.ndarray:
 
 
 def _coarse(image: SearchImage, camera: Camera, samples: EquipmentSamples, lowest_m: float) -> np.ndarray:
-    """Return (n, 4) yaw, x, y, z of the best cells of all directions; y is the height above the floor of the origin of
-    the equipment's frame, not yet of the equipment's centre.
+    """Return the best places on the coarse map, (n, 4) yaw, x, y, z, best first; y is the height above the floor of the
+    origin of the equipment's frame, not yet of the equipment's centre.
     """
     surface = samples.surface_m[::THINNING]
     heights = surface[:, 1] - lowest_m

@@ -48,8 +48,8 @@ DOUBT_SHARE: Final = 0.2
 # if more than this share of the unhidden equipment is seen through, the equipment counts as gone
 GONE_SHARE: Final = 0.4
 # m and rad (3 degrees); tracking is refused if the equipment is seen farther than this from the place where it should
-# be according to a given pose. A pose that is wrong by 3 cm and 1 degree puts the equipment 7 cm off at a distance of
-# 2.5 m.
+# be according to a given pose. A given pose that is wrong by 3 cm and 1 degree puts equipment at a distance of 2.5 m
+# only 7 cm from its true place.
 REFUTED_M, REFUTED_RAD = 0.10, 0.052
 # minimum number of pixels that show the equipment or see through it; with fewer, frames are no evidence
 LEAST_PIXELS: Final = 100
@@ -96,8 +96,8 @@ def check_given_poses(
 def _where_given_pose_has_none(
     inputs: EquipmentInputs, index: int, floor: FloorPlane, prior: FloorPrior
 ) -> Moved | None:
-    """Return the difference between the place where the camera sees the equipment and its place according to the
-    camera's given pose, as a movement; None if the frames do not contradict the given pose.
+    """Return, in the form of a movement, how far the equipment is seen from the place that follows from the camera's
+    given pose; None if the frames do not contradict the given pose.
     """
     frames, _ = inputs.frames_of(index)
     if not frames:
@@ -207,7 +207,9 @@ def _first_gone(counts: np.ndarray) -> int:
 
 
 def _first_elsewhere(before: np.ndarray, now: np.ndarray) -> int:
-    """Return the index of the frame that best separates frames of the earlier pose from frames of the later pose."""
+    """Return the index of the first frame after the movement: the index that best separates the frames that show the
+    equipment at the earlier pose from the frames that show it at the later pose.
+    """
     gain = (now[:, 0] - now[:, 1]) - (before[:, 0] - before[:, 1])
     return int(np.argmax(np.append(np.cumsum(gain[::-1])[::-1], 0)))
 
@@ -290,10 +292,11 @@ def _attempt(
 def _polish(
     inputs: EquipmentInputs, one: SeenEquipment, start: np.ndarray, moved: Moved | None, prior: FloorPrior
 ) -> EquipmentPose:
-    """Refine the pose again with all cameras' common floor, on all frames that show the equipment in this place
-    and, if the equipment was found in it, the frame of the empty room. If the refined pose is not accepted, try again
-    on the frame of the empty room alone, then with the wider ``standing_prior`` on the frames in which the equipment
-    was found. If no refined pose is accepted, return the earlier pose.
+    """Refine the pose again with all cameras' common floor, on all frames that show the equipment in this place and, if
+    the equipment was found in it, the frame of the empty room. If the refined pose is not accepted, try again on the
+    frame of the empty room alone (if it was used), then on the frames in which the equipment was found, with the floor
+    of ``standing_prior``, which has larger sigmas than the common floor. If no refined pose is accepted, return the
+    earlier pose.
     """
     before = one.frames_m if moved is None else one.frames_m[: moved.first]
     own = one.view.frames_m if len(one.view.frames_m) == 1 or not before else np.stack(before)

@@ -25,9 +25,9 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
     """Return the factor a of the sensor's noise law sigma(z) = a z^2 (unit 1/m), from second differences along rows.
 
     depths_m: depth frames (height, width) float32, 0 = no reading. The second difference along a plane is zero, so
-    second differences are noise; medians ignore edges. The standard deviation of rounding to grey values is included.
-    Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError if no three
-    neighbouring pixels have a reading.
+    second differences are noise; medians ignore edges. The factor includes the error that is due to rounding depth to
+    whole grey values. Source of the law: Khoshelham and Elberink 2012 (doi:10.3390/s120201437). Raises ValueError if no
+    three neighbouring pixels have a reading.
     """
     ratios = []
     for depth in depths_m:
@@ -43,10 +43,11 @@ def noise_per_m(depths_m: Sequence[np.ndarray]) -> float:
 
 
 def step_per_m(depths_m: Sequence[np.ndarray]) -> float:
-    """Return the factor of the depth step from one grey value to the next, ``step_per_m z^2`` (unit 1/m); 0 if all
+    """Return the factor s (unit 1/m) in the law s z^2 for the step from one grey value to the next at depth z; 0 if all
     values are equal.
 
-    depths_m: as for ``noise_per_m``. In cameras that measure disparity, steps grow with the square of the distance.
+    depths_m: as for ``noise_per_m``. In cameras that measure disparity, the steps between grey values grow with the
+    square of the distance.
     """
     steps = []
     for depth in depths_m:
@@ -83,8 +84,9 @@ NEARER_M: Final = 0.15
 # ALONE_DEPTH_M the maximum depth range in m
 ALONE_SHARE, ALONE_DEPTH_M = 0.5, 1.5
 # minimum share of the readings that show people in an image from which the room was removed, median over frames. In 139
-# such recordings the share is 1.0. In images with the room, it is 0.2 if the camera's range ends at 3 m, and 0.65 if
-# five people fill the image
+# recordings from which the room was removed, the share of readings that show people is 1.0. In images with the room,
+# the share of readings that show people is 0.2 if the camera's range ends at 3 m, and 0.65 if five people fill the
+# image
 ALONE_PEOPLE: Final = 0.6
 FRAMES_NEEDED: Final = 8  # minimum number of frames for a percentile of a pixel's readings over time to be meaningful
 USUAL_DISTANCE_M: Final = 2.5  # m, assumed distance of the patient from the camera if no person is found
@@ -143,11 +145,12 @@ def _dropped(point_m: np.ndarray, points_m: np.ndarray, up: np.ndarray, height_m
     return moved
 
 
-# minimum number of readings in a depth image; the smallest image has a hundred times as many pixels
+# minimum number of readings in which a floor is searched, and of points on people that show which way is up; the
+# smallest depth image has a hundred times as many pixels
 LEAST_READINGS: Final = 1000
 REFITS: Final = 6  # number of refits of the plane; after three or four, the limit for inliers has converged
-# m, unevenness of a hard floor. It is added to the noise; otherwise near pixels, which have little noise, would
-# dominate the fit
+# m, unevenness of a hard floor. The unevenness is added to the noise of the readings; otherwise near pixels, which have
+# little noise, would dominate the fit of the floor
 FLATNESS_M: Final = 0.003
 # m, maximum distances from the floor's plane, tried in this order: floors are flat to 2 cm, but a camera's smoothing
 # makes waves of 8 cm
@@ -174,8 +177,8 @@ SUNK_M: Final = 0.10
 LEAST_SHARE: Final = 0.02
 # m, minimum extent of a floor in its narrower direction; the direction of a narrower patch is uncertain
 LEAST_EXTENT_M: Final = 0.5
-# number of planes drawn at random. On real floors, 20 to 50 % of the readings are on the floor; with only 10 %, one
-# draw in 1000 would have all three points on the floor
+# number of planes drawn at random, each through three readings. In real rooms, 20 to 50 % of the readings are on the
+# floor, so at least one draw in 125 has all three readings on the floor; with only 10 %, it would be one draw in 1000
 TRIALS: Final = 300
 SAMPLE: Final = 6000  # number of readings drawn at random; readings on and below each plane are counted among these
 
@@ -211,7 +214,8 @@ def floor_of_room(
 ) -> FloorPlane | NoFloor:
     """Return the floor in the depth image of the empty room or, without such an image, in the median of the frames.
 
-    Objects in front of the room, mainly people, must stand on the floor; a plane with legs below it is a table.
+    Almost no points of people and other objects in front of the room may lie below the floor: a plane with legs below
+    it is a table.
     """
     if background_m is None and not frames_m:
         return NoFloor.NO_READINGS
@@ -309,8 +313,9 @@ def _vote(
     """Return the plane (4,) (up, height) for which the number of points on it, minus the number of points below it, is
     largest; None if no plane is a floor.
 
-    Depth noise of a z^2 along a ray displaces a point on the floor by only a z h perpendicular to the floor, where h is
-    the height of the camera, since the ray meets the floor at a grazing angle.
+    Noise of the depth z with the standard deviation a z^2 (a: ``noise_per_m``) displaces a point on the floor along its
+    ray. Perpendicular to the floor, the displacement is only a z h, where h is the camera's height above the floor,
+    since the ray meets the floor at a grazing angle.
     """
     normals, offsets = drawn_planes(points_m, TRIALS, rng)
     sign = np.where(normals @ up < 0.0, -1.0, 1.0)

@@ -37,8 +37,8 @@ class Tag:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Board:
-    """A ChArUco board. Its pose has the origin at the upper left corner, x along the rows, y down the columns and z
-    into the board.
+    """A ChArUco board. The board's frame, whose pose ``T_world_board`` states, has its origin at the upper left corner,
+    x along the rows, y down the columns and z into the board.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT

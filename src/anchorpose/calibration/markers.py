@@ -23,7 +23,8 @@ from anchorpose.recording.recording import Recording
 from anchorpose.recording.regular_file import read_image
 from anchorpose.rotations import rigid
 
-# pixels, minimum side length of a tag; smaller tags have bits two pixels wide, and corners less accurate than assumed
+# pixels, minimum side length of a tag; in smaller tags, the squares of the code are only two pixels wide, and corners
+# are less accurate than assumed
 LEAST_SIDE_PX: Final = 14.0
 LEAST_BOARD_CORNERS: Final = 6
 DEPTH_READINGS: Final = 40  # maximum number of depth readings used per marker
@@ -131,7 +132,9 @@ def _board_corners(
 
 
 def _side_px(corners: np.ndarray) -> float:
-    """Return the length that ``LEAST_SIDE_PX`` limits: a tag's shortest side, or half of a board's narrower extent."""
+    """Return a detected marker's size in pixels, which must be at least ``LEAST_SIDE_PX``: a tag's shortest side, or
+    half of a board's narrower extent.
+    """
     if len(corners) == 4:
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
     return float(np.ptp(corners, axis=0).min()) / 2.0
@@ -165,8 +168,9 @@ DEPTH_SIGMA_M: Final = 0.006  # m, error of a depth reading on black and white p
 WORST_CORNER_PX: Final = 4.0  # px; a tag with a corner farther from the prediction is left out as moved or misread
 # px, maximum root mean square residual of all corners; with more, the lens or the layout is wrong
 WORST_RMS_PX: Final = 1.0
-# squared sigmas (four sigmas), for two limits: minimum difference in chi2 between the best and the second, mirrored
-# pose of a flat layout; maximum chi2 between the depth readings on a marker and the distance that the corners give
+# squared sigmas (four sigmas): minimum by which the chi2 of the mirrored pose of a flat layout must exceed the best
+# pose's chi2, and maximum chi2 of the difference between a marker's depth readings and its distance according to the
+# corners
 CONTRADICTION_CHI2: Final = 16.0
 WORST_SIGMA_M: Final = 0.02  # m, maximum sigma of the camera's position; with a small distant tag it is 0.1 m
 # rad (half a degree), maximum sigma of the camera's direction; at one metre, it displaces a point by one centimetre
@@ -194,7 +198,7 @@ class MarkerPose:
 def place_by_markers(recording: Recording, layout: MarkerLayout) -> tuple[Recording, dict[str, PoseRecord]]:
     """Return the recording with poses of all cameras that have an image of markers, and their records by camera name.
 
-    Cameras without such an image keep their given pose, if any. Raises InputError if no camera has such an image,
+    Cameras without an image of markers keep their given pose, if any. Raises InputError if no camera has such an image,
     if an image does not fit its camera, or if its markers do not give the pose.
     """
     cameras, records = list[Camera](), dict[str, PoseRecord]()
@@ -241,11 +245,10 @@ def pose_from_markers(
 ) -> MarkerPose | NoMarkers:
     """Find the camera's pose in the world (Gamma_0) by the markers in one image, or return why it is not found.
 
-    image (height, width) or (height, width, 3), 8 or 16 bit, of the depth images' geometry; depth_m (height,
-    width), 0 = no reading: readings on the markers make the distance more accurate and separate the two poses of a
-    flat layout.
-    Outliers among the corners have little weight; tags that contradict the other tags are left out, and the result
-    names them.
+    image (height, width) or (height, width, 3), 8 or 16 bit, with the same intrinsics as the depth images; depth_m
+    (height, width), 0 = no reading. Readings on the markers make the distance more accurate. If all markers lie in one
+    plane, two mirrored poses fit the corners about equally well; the readings then show which pose is right. Outliers
+    among the corners have little weight; tags that contradict the other tags are left out, and the result names them.
     Raises ValueError if the size of an image differs from the camera's.
     """
     for given in (image, depth_m):
@@ -303,7 +306,9 @@ def _moved(T_camera_world: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _rows(T_camera_world: np.ndarray, seen: SeenMarkers, camera: Camera) -> np.ndarray:
-    """Return the residuals in sigmas: of corners in the image, and of depth readings from the plane of their marker."""
+    """Return all residuals in sigmas: differences between projected and detected corners in the image, and between the
+    depth readings and the plane of their marker.
+    """
     points = transform_points(T_camera_world, seen.world_m)
     off = np.nan_to_num(camera.project(points) - seen.pixel, nan=1e3).ravel() / CORNER_SIGMA_PX
     rows = [off]

@@ -22,7 +22,7 @@ from anchorpose.rotations import rotation_about_y
 
 ROUNDS: Final = 3  # number of rounds, in which readings are assigned to the nearest part and parts are fitted again
 # rad, maximum angle by which a part's axes are turned to lie along the common directions (the vertical, and the level
-# directions of most bars). Readings of another bar may cause an error of this size in a bar's direction
+# directions of most bars). Readings of another bar may cause an error of 10 degrees in the direction of a bar
 SNAP_RAD: Final = np.radians(10.0)
 # maximum cost of a fit with axes along the common directions, as a factor on the cost with free axes; if the fit costs
 # more, the free axes are kept
@@ -91,8 +91,8 @@ def fit_equipment(recording: Recording, camera: str | None, region: Region) -> F
     """Fit the equipment that stands in ``region`` in the empty rooms of all cameras, or of the named camera only.
 
     If the poses are given, parts are in the world of these poses; a single camera without a pose is placed by the floor
-    and the patient's first place. Raises InputError if a depth image of the empty room, the floor or the equipment is
-    missing.
+    and by the place at which a person is first seen. Raises InputError if a depth image of the empty room, the floor or
+    the equipment is missing.
     """
     chosen = _with_cameras(recording, camera)
     rooms = tuple(room for room in chosen.backgrounds_m if room is not None)
@@ -177,11 +177,12 @@ def _common_yaw(found: Sequence[Found]) -> float:
 
 
 def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
-    """Fit a part. Axes that are nearly parallel to the vertical and the common directions (``yaw``) are set to these
-    directions.
+    """Fit a part. The part's axes are set to the common directions (the vertical, and the level directions at the angle
+    ``yaw``) if they are nearly parallel to them.
 
-    The fit is run twice, from a larger and from a smaller box around the part, and the better result counts. Readings
-    of other parts may make the larger box too large; one of its faces then converges to the wrong side of the readings.
+    The fit is run twice, started once from a larger and once from a smaller box around the part, and the better result
+    counts. Readings of other parts may make the larger box too large; one of its faces then converges to the wrong side
+    of the readings.
     """
     rotation = _snapped(part.rotation, yaw)
     rows = np.flatnonzero(readings.stands)[part.members]
@@ -204,9 +205,9 @@ def _begin(part: Found, readings: Readings, yaw: float) -> Fit:
 
 
 def _snapped(rotation: np.ndarray, yaw: float) -> np.ndarray:
-    """Return a rotation with axes along the common directions: its last axis is the common direction nearest to the
-    last axis of the given rotation, apart from the sign. If these two axes differ by more than ``SNAP_RAD``, return the
-    given rotation.
+    """Return a rotation whose axes are the common directions: the vertical, and the level directions at the angle
+    ``yaw``. Its last axis is the common direction that is nearest, apart from the sign, to the last axis of the given
+    rotation. If these two axes differ by more than ``SNAP_RAD``, return the given rotation.
     """
     common = rotation_about_y(yaw)
     overlap = np.abs(common.T @ rotation)
@@ -246,7 +247,9 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part with its axes along the common directions or, if that fits clearly worse, with free axes."""
+    """Refit the part. If the part's axes lie along the common directions (see ``_snapped``), they stay there unless
+    free axes fit clearly better; a part with other axes is refitted with free axes.
+    """
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:
         return straight

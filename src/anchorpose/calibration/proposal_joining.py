@@ -29,7 +29,8 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
     """Extend a bar at both ends as far as readings continue within its cross-section.
 
     free (n,) bool: readings that do not belong to another part. A bar is extended across readings of other parts, too,
-    so that a runner continues behind the post on it. But a bar never ends in such readings.
+    so that a runner (a bar on the floor) continues behind a post that stands on it. But a bar never ends in readings of
+    another part.
     """
     if fit.plate:
         return fit
@@ -42,8 +43,9 @@ def extended(fit: Fit, points: np.ndarray, free: np.ndarray) -> Fit:
 
 
 def _run_m(beyond_m: np.ndarray, free: np.ndarray) -> float:
-    """Return how far (m) readings continue beyond a bar's end, with no two empty steps in a row. The last step of the
-    extension must have enough readings that belong to no other part (``free``).
+    """Return how far (m) readings continue beyond a bar's end. The bar is followed in steps of ``ALONG_M``; it ends
+    where two steps in a row have fewer than ``DENSE`` readings. The last step of the extension must have enough
+    readings that belong to no other part (``free``).
     """
     steps = (beyond_m / ALONG_M).astype(int)
     ahead = beyond_m > 0
@@ -119,8 +121,8 @@ def _rays_through(rotation: np.ndarray, low: np.ndarray, high: np.ndarray, readi
 
 
 def on_its_feet(fit: Fit, readings: Readings, floor_height_m: float) -> Fit:
-    """Extend a part to the floor if its lower end is hidden by the floor's noise or by a runner; no part goes below the
-    floor.
+    """Extend a part to the floor if its lower end is so near to the floor that the floor's noise or a runner (a bar on
+    the floor) may hide the rest; cut off what lies below the floor.
     """
     upright = np.abs(fit.rotation[1])
     axis = int(np.argmax(upright))

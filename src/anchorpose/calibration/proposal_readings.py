@@ -27,8 +27,8 @@ JUMP_M, JUMP_SIGMAS = 0.03, 4.0
 SUPPORT: Final = 4
 # minimum share of an object's pixels that must lie in the searched cylinder; walls and cupboards have less
 FREE_SHARE: Final = 0.5
-# pixels, width of the rim around free-standing objects. Readings in the rim are kept, since their rays pass beside the
-# object
+# pixels, width of the rim around free-standing objects in which readings are kept as evidence, since their rays pass
+# beside the object
 BEYOND_PX: Final = 14
 UNREAD_M: Final = 100.0  # m, depth assigned to a large area without readings, since the room is out of range there
 UNREAD_PX: Final = 21  # pixels, minimum width of an area out of range; the unread side of a tube is narrower
@@ -102,8 +102,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
     """
     points = transform_points(camera.require_pose(), camera.back_project(room_m).astype(np.float64))
     height = points[..., 1] - floor_height_m
-    # noise of a z^2 along a ray changes the height of a floor point by a z h, where h is the camera's height above the
-    # floor
+    # noise with sigma a z^2 along a ray (a: ``noise``, z: depth) changes the height of a point on the floor by a z h,
+    # where h (``lift``) is the camera's height above the floor
     lift = abs(camera.position_m[1] - floor_height_m)
     standing = (room_m > 0) & (height > TOLERANCES_M[0] + FLOOR_SIGMAS * noise * room_m * lift)
     limit = JUMP_M + JUMP_SIGMAS * noise * room_m**2
@@ -119,8 +119,8 @@ def _stands_free(camera: Camera, room_m: np.ndarray, noise: float, floor_height_
 
 
 def _uncertain(room_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
-    """Return (height, width) bool: pixels beside free-standing objects that are not clearly behind them. These pixels
-    mix object and background, or show the object.
+    """Return (height, width) bool: pixels beside free-standing objects whose depth is not clearly behind these objects.
+    Such a pixel mixes object and background, or shows the object.
     """
     nearest = np.where(stands, room_m, 0.0).astype(np.float32)
     around = cv2.dilate(nearest, np.ones((5, 5), np.uint8))
@@ -161,8 +161,8 @@ def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[n
 
 # m, maximum distance from a bar's middle line to its surface; bars are tubes of 3 cm to pads of 9 cm
 BAR_RADIUS_M: Final = 0.055
-# m from a bar's middle line, up to which readings beside the bar are counted. Few readings lie beside a real bar, many
-# beside a strip of a plate
+# m from a bar's middle line, up to which readings beside the bar are counted. Few readings lie beside a real bar, but
+# many lie beside a strip of a plate that looks like a bar
 SURROUNDINGS_M: Final = 0.10
 # maximum ratio of the readings beside a bar to the readings on it; above 0, since other bars may start from the bar
 MOST_BESIDE: Final = 0.5
@@ -170,8 +170,8 @@ LEAST_LENGTH_M: Final = 0.15  # m, minimum length of a bar; shorter pieces are h
 SLENDERNESS: Final = 2.5  # minimum ratio of length to breadth of a bar
 GAP_M: Final = 0.06  # m, maximum length of a stretch of a bar without readings, which another bar may hide
 SEEDS: Final = 120  # number of places, drawn at random, at which each bar or plate is searched
-# m, radius of a ball around a seed (a place drawn at random); the points in the ball give a bar's first direction. The
-# ball is twice as wide as a thick bar
+# m, radius of a ball around a seed (a place drawn at random); the points in the ball give a bar's first direction,
+# since the ball is twice as wide as a thick bar
 NEAR_M: Final = 0.12
 LEAST_PIXELS: Final = 40  # minimum number of pixels of a bar or plate; fewer pixels give no direction
 PLATE_RADIUS_M: Final = 0.09  # m, radius of a disc that readings on a plate can fill, but readings on a bar cannot
@@ -187,8 +187,8 @@ class Found:
     """A detected part. rotation (3, 3): the part's axes as columns; the last column is the direction of a bar, or the
     normal of a plate.
 
-    low, high (3,): extent of its visible points along the axes, relative to ``center_m``; members: indices of these
-    points.
+    low, high (3,): extent of the part's visible points along the axes, relative to ``center_m``; members: indices of
+    these points.
     """
 
     plate: bool
@@ -227,7 +227,7 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
 
 
 class _Grown(NamedTuple):
-    """A part grown from a place: the indices of its points, and its axes as in ``Found``."""
+    """A part that was found around a starting point: the indices of the part's points, and its axes as in ``Found``."""
 
     members: np.ndarray
     rotation: np.ndarray
@@ -240,7 +240,9 @@ and the points near the place.
 
 
 def _largest(points: np.ndarray, rng: np.random.Generator, grow: _Grow, near_m: float) -> _Grown | None:
-    """Return the part with the most points among the parts at random places."""
+    """Search for a part around each of some points drawn at random, and return the part with the most points; None if
+    no part is found.
+    """
     tree = cKDTree(points)
     places = points[rng.choice(len(points), min(SEEDS, len(points)), replace=False)]
     grown = (grow(points, place, points[tree.query_ball_point(place, near_m)]) for place in places)
@@ -253,7 +255,9 @@ def _bar_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Grown
 
 
 def _grow_line(points: np.ndarray, place: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the points (n,) bool on the bar through a place, and its direction; None without a bar there."""
+    """Return (n,) bool: the points on the bar that passes through ``place``, and the bar's direction; None if no bar
+    passes there.
+    """
     middle = place
     radius = 1.5 * BAR_RADIUS_M
     for _ in range(6):
@@ -330,7 +334,9 @@ def _plate_at(points: np.ndarray, place: np.ndarray, nearby: np.ndarray) -> _Gro
 
 
 def _filled(offset: np.ndarray, axes: np.ndarray) -> float:
-    """Return the share of a disc's cells that contain a point. offset (n, 3): points relative to the disc's centre."""
+    """Divide a disc into cells, and return the share of the cells that contain a point. offset (n, 3): points relative
+    to the disc's centre.
+    """
     reach = int(PLATE_RADIUS_M / CELL_M)
     cell = np.rint(offset @ axes[:, 1:] / CELL_M).astype(int)
     cell = cell[(np.abs(cell) <= reach).all(axis=1)] + reach

@@ -28,14 +28,15 @@ TRIALS: Final = 25  # maximum number of iterations of the solver; most fits conv
 SQUARE_SIGMA_M: Final = 0.02
 PLATE_M, PLATE_SIGMA_M = 0.03, 0.02  # m, assumed thickness of a seat whose edge is not seen, and its sigma
 # sine of 24 degrees; a part's extent along an axis counts as unseen if the angle from axis to line of sight is smaller.
-# At this angle, a 5 cm bar shows three pixels of its side
+# At an angle of 24 degrees, the visible side of a 5 cm bar is three pixels wide
 ASLANT: Final = 0.4
-# factor on the residual of the assumption that a bar is square, or a plate thin, if no camera sees a side
+# factor by which the residual of the assumption that a bar is square, or a plate thin, is multiplied if no camera sees
+# the part's extent along one of its axes
 ASSUMED: Final = 20.0
 THINNEST_M, BROADEST_M = 0.01, 0.13  # m, minimum and maximum breadth of a bar; broader parts, such as pads, are plates
 END_SIGMA_M: Final = 0.05  # m, sigma of the distance from a bar's last reading to its end, if no camera sees the end
-# maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. It is above 1, since
-# a box has one more free length
+# maximum cost of the fitted tube, divided by the cost of the fitted box, for the tube to be used. The ratio is above 1,
+# since a box has one more free length than a tube, so that it fits a little better even if the part is a tube
 ROUNDER: Final = 1.12
 # minimum number of readings on a face, or of rays that pass by it; with fewer, the face's place is a guess
 LEAST_SUPPORT: Final = 12
@@ -47,8 +48,9 @@ class Fit:
 
     rotation (3, 3): from the part's axes to the world; low, high (3,): position of the faces along the axes, relative
     to the world's origin. A round part (tube) has the same breadth along the first two axes. cost: cost of the fit per
-    reading; residual_m: robust spread of the readings about the surface; support (3, 2): number of readings and passing
-    rays that determine each face; readings: number of readings on the part; blind (3,) bool: see ``_blind``.
+    reading; residual_m: robust spread of the readings about the surface; support (3, 2): for the lower and upper face
+    along each axis, the number of readings and of places on passing rays that lie close to the face; readings: number
+    of readings on the part; blind (3,) bool: axes along which no camera sees the part's extent.
     """
 
     rotation: np.ndarray
@@ -215,7 +217,8 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
         if fit.round:
             middle, half = x[:2], np.maximum(x[3], THINNEST_M) / 2.0
             low[:2], high[:2] = middle - half, middle + half
-        # low and high are positions along the turned axes, so a turn alone also moves the part about the world's origin
+        # low and high are positions along the turned axes, measured from the world's origin, so a change of the
+        # rotation alone also moves the part around this origin
         return replace(fit, rotation=rotation, low=low, high=high)
 
     def rows(x: np.ndarray) -> np.ndarray:
@@ -229,7 +232,8 @@ def _solve(fit: Fit, evidence: _Evidence, turn: bool) -> Fit:
     x = np.concatenate([(fit.low + fit.high) / 2.0, fit.size_m, np.zeros(3 if turn else 0)])
     scale = np.concatenate([np.full(6, 0.01), np.full(len(x) - 6, 0.02)])
     seen = len(evidence.points_m) + len(evidence.passing_m) + len(evidence.hitting_m)
-    # the first kernel moves the part off rays that end beyond it, the second rejects outliers
+    # the first fit, with the soft L1 loss, moves the part away from rays that end beyond it; the second fit begins
+    # there, and its Cauchy loss rejects outliers
     for kernel in (_soft_l1, _cauchy):
         loss = partial(_robust_loss, kernel, seen)
         found = least_squares(rows, x, loss=loss, f_scale=2.0, max_nfev=TRIALS, x_scale=scale)

@@ -34,14 +34,14 @@ from anchorpose.recording.recording import FrameSet, Recording, depths_of
 from anchorpose.rotations import rigid
 
 # rad (two degrees); if the floor that a camera sees is tilted by more than this in the world, a doubt about the
-# camera's pose is noted. Such a tilt displaces a point 1 m away by 3.5 cm
+# camera's pose is noted. A tilt of two degrees displaces a point 1 m away by 3.5 cm
 TILTED_RAD: Final = 0.035
 # rad (four degrees); if the floor that a camera sees is tilted by more than this in the world, the camera's pose is
 # wrong: floors are level to one degree, and lenses bend the seen floor by one degree more
 WORST_FLOOR_TILT_RAD: Final = 0.07
 # m, limits of the difference between the heights at which two cameras see the same floor; each height is known to 2 cm.
-# Above the first limit, a doubt is noted. Above the second limit, tracking is refused, since one height then has an
-# error of 7 cm or more
+# If two heights differ by more than the first limit, a doubt about a pose is noted. If two heights differ by more than
+# the second limit, tracking is refused, since at least one of the two heights then has an error of 7 cm or more
 UNEVEN_M, WORST_UNEVEN_M = 0.03, 0.15
 
 
@@ -55,12 +55,12 @@ def find_world(
 ) -> Calibration:
     """Find the poses of all cameras: as given, from the equipment, or from the floor and the people.
 
-    sample_frames: spread over the recording, in the order of time. With equipment, the world is the equipment's frame
-    (Gamma_0). Without equipment, the world has Y up, the origin on the floor below the patient's first place, and X
-    from the patient towards the camera: the patient is assumed to face the camera, and a note states this assumption.
-    Other cameras are placed relative to the first by the people that both see (``placing``). rough_clocks: whether the
-    clocks are known only to 50 ms, so that these placements may be less accurate. Raises InputError if poses are
-    missing and cannot be found.
+    sample_frames: frames spread over the recording, in the order of time. With equipment, the world is the equipment's
+    frame (Gamma_0). Without equipment, the world has Y up, the origin on the floor below the place where the patient is
+    first seen, and X from the patient towards the camera: the patient is assumed to face the camera, and a note states
+    this assumption. Other cameras are placed relative to the first by the people that both see (``placing``).
+    rough_clocks: whether the clocks are known only to 50 ms, so that these placements may be less accurate. Raises
+    InputError if poses are missing and cannot be found.
     """
     missing = [camera.name for camera in recording.cameras if camera.T_world_camera is None]
     equipment_config = equipment_config or EquipmentPoseConfig()
@@ -152,9 +152,9 @@ def _checked(cameras: tuple[Camera, ...], floors: Sequence[FloorPlane | NoFloor]
             doubts.append(PoseDoubt(DoubtSource.FLOOR, (camera.name,), sentence, off_m, refuted))
         if tilt > WORST_FLOOR_TILT_RAD:
             continue
-        # The floor's height is measured at the patient's usual distance from the camera. At another place (below the
-        # camera, or where a level camera's optical axis meets the floor behind the wall), a small error of the tilt
-        # would change the height more.
+        # The floor's height is measured at the patient's usual distance from the camera. At another place on the floor
+        # (below the camera, or where a level camera's optical axis meets the floor behind the wall), a small error of
+        # the tilt would change the measured height more.
         ahead = np.array([0.0, 0.0, USUAL_DISTANCE_M])
         on_floor = ahead - (floor.up @ ahead + floor.height_m) * floor.up
         heights[camera.name] = float(transform_points(T_world_camera, on_floor)[1])
@@ -185,7 +185,9 @@ def _uneven(heights_m: Mapping[str, float]) -> list[PoseDoubt]:
 def _from_one_camera(
     recording: Recording, sample_frames: Sequence[FrameSet], floor: FloorPlane | NoFloor
 ) -> Calibration:
-    """Return the world from the first camera's floor and the patient's first place."""
+    """Return the world that is defined by the floor in the first camera and by the place where the patient is first
+    seen.
+    """
     camera = recording.cameras[0]
     notes, residuals = [], []
     if isinstance(floor, FloorPlane):

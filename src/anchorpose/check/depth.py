@@ -30,8 +30,8 @@ NOISY_PER_M: Final = 2 * 1.425e-3
 # limits (yellow, red) of the share of pixels without a reading; in rooms, windows and far walls cause 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
-# maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. Undisturbed frames
-# deviate by up to 10 %.
+# maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. In undisturbed frames,
+# the noise differs from the median frame's noise by up to 10 %.
 BURST: Final = 1.3
 # minimum difference between a disturbed frame's share of pixels without a reading and the median share of all frames;
 # passers-by cause a smaller difference
@@ -174,7 +174,7 @@ FACING: Final = 0.5
 # sensor's range also looks like a wall, at an angle below 2 degrees
 PARALLEL: Final = 0.996
 # m, limits of a person's height: below the first limit, the finding is yellow; below the second or above the third, it
-# is red. Adults have 1.4 to 2.1 (sitting: 1.1 to 1.4)
+# is red. Adults have heights of 1.4 to 2.1 m (sitting: 1.1 to 1.4 m)
 SHORT_M, TOO_SHORT_M, TOO_TALL_M = 1.4, 1.0, 2.2
 COMPARE: Final = "compare fx, fy, cx, cy and distortion in recording.json with the camera's own calibration"
 CORRECT_UNIT: Final = "correct depth_scale in recording.json (metres per grey value, 0.001 for millimetres)"
@@ -272,7 +272,7 @@ def _size(material: Material) -> Finding:
         return Finding("depth unit", Level.GREEN, measured)
     tall_m = float(np.percentile(tops, 90))
     measured = f"the person is {tall_m:.2f} m tall, shoes and hair included"
-    # the median, since a raised hand adds to the height, but is seldom raised for long
+    # the median of the heights counts, since a raised hand adds to the height, but is seldom raised for long
     if np.median(tallest) > TOO_TALL_M or tall_m < TOO_SHORT_M:
         return Finding("depth unit", Level.RED, measured, f"{CORRECT_UNIT}, or fx and fy")
     if tall_m < SHORT_M:
@@ -282,8 +282,9 @@ def _size(material: Material) -> Finding:
 
 
 def _heights_m(material: Material) -> tuple[list[float], list[float]]:
-    """Return heights in m above the floor in sampled frames: first of the patient where the head is in view, or of the
-    highest person if no patient was found; then of the highest person in each frame. Both are empty without a floor.
+    """Return two lists of heights in m above the floor, both empty without a floor. The second has the height of the
+    highest person in each sampled frame with people. The first has the patient's height in each frame in which the head
+    is in view; if no patient was found, it equals the second.
 
     The search for the patient may split a person who seems too tall into pieces. The height is still correct, since
     the highest piece counts.

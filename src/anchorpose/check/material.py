@@ -95,7 +95,8 @@ ENOUGH_HZ: Final = 14.5  # Hz, frame rate needed for clocks and poses; recorders
 # pixels, width of the strip along an image's edge that counts as its border, since filters leave outer rows without
 # readings
 BORDER_PX: Final = 4
-# m, maximum depth difference between a skin point of a roughly fitted body and a reading of the patient that shows it
+# m, maximum depth difference between a skin point of a roughly fitted body and a reading of the patient, for the
+# reading to count as a view of this point
 REACH_M: Final = 0.10
 
 
@@ -147,7 +148,7 @@ class Material:
 
     @property
     def floor_scenes(self) -> list[Scene]:
-        """Return the scenes of the cameras that see the floor."""
+        """Return, for each camera that sees the floor, the camera with its empty room and equipment."""
         residuals = () if self.settled is None else self.settled.calibration.residuals
         names = {floor.camera for floor in residuals}
         return [scene for scene in self.scenes if scene.camera.name in names]
@@ -198,8 +199,8 @@ def gather_material(recording: Recording, config: TrackConfig) -> Material:
 
 
 def _thinned(recording: Recording) -> Recording:
-    """Return the recording with only every n-th frame of cameras that are faster than clocks and poses need; a short
-    recording is returned whole.
+    """Return the recording with only every n-th frame of each camera whose frame rate is higher than needed to find
+    clocks and poses; a short recording is returned whole.
     """
     if min(len(stream.files) for stream in recording.streams) < SHORT:
         return recording

@@ -37,12 +37,13 @@ from anchorpose.tracker.preparation import MOVED, OUTDATED
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
-# limits (yellow, red) of the share of a camera's frames that are missing. Tracking bridges single missing frames; above
-# 0.25, parts of the recording have only half the frame rate
+# limits (yellow, red) of the share of a camera's frames that are missing. Tracking bridges single missing frames; if a
+# share above 0.25 is missing, parts of the recording have only half the frame rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
 # Limits (yellow, red) of the share of frame intervals that deviate from multiples of the camera's period by over a
-# quarter of the period. At 30 Hz, such a deviation gives a hand that moves at 2 m/s an error of 2 cm.
+# quarter of the period. At 30 Hz, a deviation by a quarter of the period gives a hand that moves at 2 m/s an error of 2
+# cm.
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 

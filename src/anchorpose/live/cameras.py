@@ -171,7 +171,9 @@ class Orbbec:
             self.errors.close()
 
     def _grey(self, scale: float, size: int) -> np.ndarray | None:
-        """Read an image of ``size`` bytes from the process; return None if the process ends before the last byte."""
+        """Read an image of ``size`` bytes, with ``scale`` metres per grey value, from the process; return None if the
+        process ends before the last byte.
+        """
         camera = self.cameras[0].camera
         if size != 2 * camera.height * camera.width or not np.isclose(scale, camera.depth_scale):
             raise AnchorposeError("the camera changed its image size or its unit of depth; start again")

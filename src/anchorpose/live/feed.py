@@ -60,7 +60,7 @@ def about_folder(sources: Sequence[LiveSource]) -> Path | None:
     return next((source.about.folder for source in sources if source.about is not None), None)
 
 
-# A function that is called with each image. It returns the reason if it could not keep the image, else None.
+# A function that is called with each image. The function returns the reason if it could not keep the image, else None.
 Taker = Callable[[LiveImage], str | None]
 STALL_S: Final = 5.0  # s; a camera without a usable image for this time counts as unplugged
 REPORT_S: Final = 10.0  # s between two messages about the cameras
@@ -209,9 +209,10 @@ class LiveSet:
 class Feed:
     """A buffer: sources put images in from their threads, and the tracker takes the newest complete set.
 
-    The reference camera is the first camera in use that is not silent (``SILENT_S``); the time of its image is the time
-    of the set. A set is complete when every camera in use that is not silent has delivered an image of the set's time
-    or later, or when that time is longer ago than the usual interval between images.
+    A camera is silent if it has sent no image for ``SILENT_S``. The reference camera is the first camera in use that is
+    not silent; the time of its image is the time of the set. A set is complete when every camera in use that is not
+    silent has delivered an image of the set's time or later, or when that time is longer ago than the usual interval
+    between images.
     """
 
     def __init__(self, count: int) -> None:

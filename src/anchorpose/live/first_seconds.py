@@ -35,8 +35,9 @@ from anchorpose.tracker.prior_shape import is_human
 from anchorpose.tracker.room import InitialFrame, Room, Run
 
 FIRST_WAIT_S: Final = 10.0  # s, maximum waiting time for the first image of a source
-# Minimum score of the initial frame, in which tracking begins, as a share of the best frame's score. A lower share
-# permits a later initial frame, so fewer recorded frames must be tracked before live tracking begins.
+# Minimum score of the initial frame, in which tracking begins, as a share of the best frame's score. With a lower
+# minimum score, a later initial frame is permitted, so fewer recorded frames must be tracked before live tracking
+# begins.
 NEARLY_AS_GOOD: Final = 0.5
 
 Say = Callable[[str], None]
@@ -199,7 +200,7 @@ def known_room(
     """
     config = replace(options.config, patient_xz_m=place_xz_m, height_m=None)
     inputs = read_inputs(recording.folder, config, UserInputs(options.calibration))
-    # ``subject`` of the room's recording describes the previous patient
+    # ``subject`` of the room's recording describes the previous patient, so nothing is known about this patient
     theirs = replace(in_room(recording.folder, room), subject=UNKNOWN)
     chosen, samples = sample_recording(theirs, config)
     settled = Settled(theirs, room.clocks, room.calibration, tuple(chosen), tuple(samples))
@@ -219,8 +220,8 @@ def in_room(folder: Path, room: Room) -> Recording:
     return replace(recording, cameras=known.cameras, subject=known.subject, notes=notes)
 
 
-# s, minimum time between two image sets that ``Backlog`` collects; patients in a standing frame move little in this
-# time
+# s, minimum time between two image sets that ``Backlog`` collects; patients in a standing frame (a device that holds
+# them upright) move little in this time
 STEP_S: Final = 0.2
 # s, maximum gap between tracked frames, since after a longer gap, another person may stand in the patient's place
 MOST_STEP_S: Final = 1.0

@@ -146,6 +146,7 @@ class MarkerInlet:
         while not self._stop.is_set():
             sample, stamp = self._inlet.pull_sample(timeout=WAIT_S)
             if sample is not None:
-                # ``time_correction`` waits for the sender's reply when it is first called
+                # ``time_correction``, the offset between the two computers' clocks, waits for the sender's reply at the
+                # first call
                 sent_s = stamp + self._inlet.time_correction(timeout=FIND_S)
                 take(str(sample[0]), time.monotonic() - (self._clock() - sent_s))

@@ -42,8 +42,8 @@ def main() -> int:
         return 0
     finally:
         pipeline.stop()
-    # printed after ``pipeline.stop``, which may print, too: anchorpose shows the last line of standard error as the
-    # reason
+    # the reason is printed last, after ``pipeline.stop``, which may print, too: anchorpose shows the last line of
+    # standard error as the reason
     return refuse(problem)
 
 

@@ -51,9 +51,9 @@ class UprightClock:
     """A clock that sums the time for which the patient stands upright. It takes frames in the order of time, and
     defines upright as ``anchorpose measure`` does, but without using later frames.
 
-    The leg length that this definition needs is taken from the joints of each frame. The time between two upright
-    frames counts if they are at most half a second apart; in a longer gap, the patient might have sat down and stood
-    up.
+    The leg length that the definition of upright needs is taken from the joints of each frame. The time between two
+    upright frames counts if they are at most half a second apart; in a longer gap, the patient might have sat down and
+    stood up.
     """
 
     def __init__(self, config: UprightConfig) -> None:
@@ -92,8 +92,8 @@ STREAM: Final = "text/event-stream"
 # s, maximum time between two messages to a page; the messages show that the program still runs
 SIGN_OF_LIFE_S: Final = 1.0
 CLIENT_PATIENCE_S: Final = 5.0  # s, maximum time for which a client reads nothing before it is dropped
-# Size of the socket's buffer in bytes, enough for some frames. With a larger buffer, a slow client would get frames
-# with a delay of seconds.
+# Size of the socket's buffer in bytes, enough for some frames. With a larger buffer of the socket, a slow client would
+# get frames with a delay of seconds.
 BUFFER_BYTES: Final = 32 * 1024
 EXACT: Final = 4  # number of decimal places of positions in metres (0.1 mm)
 
@@ -286,8 +286,8 @@ class _Handler(GuardedHandler):
             self.refuse(HTTPStatus.NOT_FOUND, "There is nothing of this name here.")
 
     def answer_post(self, name: str, body: dict[str, Any]) -> Response:
-        """Answer a POST. ``patient``: the person with the given number becomes the patient. ``marker``: the given text
-        is stored as a marker in the recording.
+        """Answer a POST. If ``name`` is ``patient``, the person with the number in ``body`` becomes the patient. If
+        ``name`` is ``marker``, the text in ``body`` is stored as a marker in the recording.
         """
         if name == "marker":
             return self._keep_marker(body.get("text"))

@@ -122,7 +122,8 @@ class _Session:
         self.intake.start()
         for attempt in count(1):
             recording = self.first_seconds.record(f"start-{attempt}", "the room and the patient")
-            # a camera that was covered in these seconds is not used later, since the learnt room does not include it
+            # a camera that was covered during the first seconds is not used later, since the learnt room does not
+            # include this camera
             self.intake.feed.use(places_of(recording.cameras, [one.camera for one in self.intake.cameras]))
             backlog = Backlog(self.intake.feed, recording.cameras)
             found = self.first_seconds.learn(recording)

@@ -38,14 +38,15 @@ FARTHEST_M: Final = 20.0
 SATURATED: Final = np.iinfo(np.uint16).max  # the largest 16-bit value, which is an error code, not a distance
 ROWS: Final = 128  # number of checked image rows, evenly spaced; surfaces are many rows high, so no surface is missed
 LEAST_READ: Final = 0.001  # minimum share of pixels that must have a reading; a distant person alone fills 0.03
-# minimum number of readings for the limits below to apply; with fewer, images without a fault may exceed the limits
+# minimum number of readings for an image to be tested for equal values, missing neighbours and jumps; with fewer
+# readings, images without a fault may fail these tests
 ENOUGH: Final = 4000
 # maximum share of readings that may have the same value; a whole body measured in coarse steps has 0.3
 MOST_ALIKE: Final = 0.98
 # minimum share of readings that must have another reading at the pixel to their right; real images have 0.93 or more
 LEAST_BESIDE: Final = 0.5
 # minimum difference of two neighbouring readings that counts as a jump, divided by their distance from the camera.
-# Within one surface, only parts that are seen edge-on have larger differences
+# Within one surface, only parts that are seen edge-on have larger differences between neighbouring readings
 JUMP: Final = 0.1
 # maximum share of jumps among pairs of neighbouring readings; real cluttered rooms have up to 0.03
 MOST_JUMPS: Final = 0.25
@@ -62,8 +63,8 @@ class DepthImage:
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
     """Read the depth image in a file; if the file is damaged, the result states the ``problem``.
 
-    judged: whether the content is checked, as in ``image_of_grey``. listed: the file's stamp (size, time and inode)
-    when the recording was opened. Raises InputError if the file was replaced after that.
+    judged: whether the content is checked, as in ``image_of_grey``. listed: the file's stamp (size, time of change,
+    inode) when the recording was opened. Raises InputError if the file was replaced after the recording was opened.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)

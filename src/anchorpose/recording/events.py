@@ -161,9 +161,9 @@ def sidecar_of(path: Path) -> Path:
 def read_trials(path: Path, span: RecordedSpan) -> Trials:
     """Read the trials of an events file; raises InputError naming the file, the line and the remedy.
 
-    The function refuses missing and repeated columns, texts in place of numbers, and an unknown start. It refuses
-    trials that have no duration, overlap or lie outside the recording, and columns of numbers without a unit in the
-    JSON file beside the events file.
+    The function refuses missing and repeated columns, texts in place of numbers, and a recording whose start is
+    unknown. It refuses trials that have no duration, overlap or lie outside the recording, and columns of numbers
+    without a unit in the JSON file beside the events file.
     """
     lines = read_rows(path, delimiter="\t", largest_bytes=LARGEST_EVENTS)
     head = lines[0][1] if lines else []
@@ -299,8 +299,8 @@ def _read_sidecar(path: Path, head: Sequence[str]) -> dict[str, ColumnEntry]:
 
 def _column(path: Path, name: str, texts: Sequence[str], entry: ColumnEntry | None) -> TrialColumn:
     """Return the description of a user's column: a column of numbers if ``entry`` gives a unit, else a column of texts.
-    Raises InputError if all cells are numbers and ``entry`` gives neither their unit nor levels (the meaning of each
-    value), except for ``BLOCK_COLUMN``.
+    The column ``BLOCK_COLUMN`` is always a column of texts. Raises InputError if all cells of another column are
+    numbers and ``entry`` gives neither their unit nor levels (the meaning of each value).
     """
     description = "" if entry is None else entry.description
     known = [text for text in texts if text not in ("", MISSING)]

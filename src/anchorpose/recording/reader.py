@@ -64,8 +64,8 @@ def open_recording(folder: Path) -> Recording:
 def _without_dead_cameras(recording: Recording) -> Recording:
     """Return the recording without the cameras that never measured anything, and with a note on each of these cameras.
 
-    Such a camera was blinded, covered or broken: its files are complete but hold no measurement (``content_problem``).
-    Raises InputError if no camera is left.
+    A camera that never measured anything was blinded, covered or broken: its files are complete but hold no measurement
+    (``content_problem``). Raises InputError if no camera is left.
     """
     dead = {number: why for number in range(len(recording.cameras)) if (why := _why_dead(recording, number))}
     if not dead:

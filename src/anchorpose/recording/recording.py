@@ -95,8 +95,9 @@ class Subject:
     def grown(self) -> bool | None:
         """Return whether the patient is an adult; None if unknown.
 
-        If only the birth year is given, this is known only for people who were adults when the first depth cameras
-        appeared: the year of the recording is unknown, and results must not depend on today's date.
+        If only the birth year is given, the result is True for people who were adults when the first depth cameras
+        appeared (``FIRST_RECORDED``), and None for younger people: the year of the recording is unknown, and results
+        must not depend on today's date.
         """
         if self.age_years is not None:
             return self.age_years >= GROWN_YEARS
@@ -301,12 +302,13 @@ def _span(time_s: np.ndarray) -> str:
 USUAL_RATES_HZ: Final = (5.0, 6.0, 15.0, 25.0, 30.0, 60.0, 90.0)
 """Usual frame rates of depth cameras."""
 
-# quantile of the steps, which are the times between frames. If every third or every second frame is lost, the step at
-# this quantile is several frame periods long
+# quantile of the steps (the times between successive frames) with which the possible frame periods are compared. If
+# every third or every second frame is lost, the step (time between frames) at the quantile 0.6 is several frame periods
+# long
 LONGER_SHARE: Final = 0.6
-# maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If that step is several periods long, one
-# period is at most half of the step. A share above 0.83 (25 / 30) would admit the period of 30 Hz for a recording at 25
-# Hz without lost frames.
+# maximum period that is tried, as a share of the step at ``LONGER_SHARE``. If the step at ``LONGER_SHARE`` is several
+# periods long, one period is at most half of this step. If ``SHORTER`` were above 0.83 (25 / 30), the period of 30 Hz
+# would also be tried for a recording at 25 Hz without lost frames.
 SHORTER: Final = 0.75
 # minimum share of the steps that must be one period long; a smaller share may be due to a few early time stamps
 LEAST_SHORT: Final = 0.1

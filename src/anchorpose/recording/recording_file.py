@@ -135,7 +135,8 @@ def find_duplicates(files: Sequence[Path], sizes: Sequence[int], most_bytes: int
 
     Two images of the same scene differ by the sensor's noise, so equal files are copies of the same image. Files of
     different sizes are not opened. Files above ``most_bytes`` are not opened either, since they are larger than any
-    depth image. The result is all False if most files are equal, since such images have no noise.
+    depth image. If most files are equal, the result is all False: the images then have no noise, so equal files need
+    not be copies.
     """
     duplicate = np.zeros(len(files), dtype=bool)
     for k in range(1, len(files)):
@@ -317,7 +318,7 @@ class RecordingDocument(Entry):
             raise Unfit("is empty", "list at least one camera", "cameras")
         if len(self.cameras) > MOST_CAMERAS:
             raise Unfit(f"has {len(self.cameras)} cameras", f"list {MOST_CAMERAS} at most", "cameras")
-        # some file systems do not distinguish upper and lower case
+        # a camera's name is also the name of its folder, and some file systems do not distinguish upper and lower case
         folded = [camera.name.casefold() for camera in self.cameras]
         for camera in self.cameras:
             if folded.count(camera.name.casefold()) > 1:

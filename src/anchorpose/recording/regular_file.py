@@ -63,7 +63,9 @@ files.
 
 
 def list_file(path: Path) -> Stamp:
-    """Return the stamp of a regular file without opening it; raises InputError for anything else."""
+    """Return the stamp (size, time of change, inode) of a regular file without opening it; raises InputError for
+    anything else.
+    """
     try:
         return _stamp_of(require_regular(path))
     except FileNotFoundError:
@@ -104,8 +106,8 @@ def _open(path: Path) -> BufferedReader:
 
 
 class _Ended(FileIO):
-    """A file that raises OSError instead of waiting for content that does not exist yet. Without this class, reading
-    the system's log, for example, would wait.
+    """A file that raises OSError instead of waiting for content that does not exist yet. Without this class, reading a
+    special file such as the system's log would wait for new content.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -134,8 +136,8 @@ def is_there(path: Path) -> bool:
 def read_bounded(path: Path, most_bytes: int, listed: Stamp | None = None) -> bytes:
     """Read a regular file of at most ``most_bytes``; raises Unreadable with the reason.
 
-    listed: the file's stamp when the run began. Raises InputError if the file was replaced since then, because the run
-    would mix two recordings.
+    listed: the file's stamp (size, time of change, inode) when the run began. Raises InputError if the file was
+    replaced since then, because the run would mix two recordings.
     """
     try:
         with _open(path) as file:

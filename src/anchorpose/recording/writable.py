@@ -1,6 +1,6 @@
 """Check before any work begins whether a path may be written, and write each file completely or not at all.
 
-These checks ensure that recordings, inputs and the user's files are never changed.
+The checks of this module ensure that recordings, inputs and the user's files are never changed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final
 from anchorpose.errors import InputError
 from anchorpose.recording.regular_file import open_regular
 
-# the name before the colon has at least two letters, since "C:/" is a Windows drive
+# the scheme before the colon (such as http) has at least two letters, since "C:/" is a Windows drive
 ADDRESS: Final = re.compile(r"[a-z][a-z0-9+.-]+:/", re.IGNORECASE)
 
 RECORDING_MARKS: Final = ("recording.json", "recording.unfinished.json")  # files that show that a folder is a recording

@@ -205,10 +205,10 @@ class AzureKinectFile:
             raise InputError(self.path, "holds no depth image that can be read", AGAIN)
 
     def _in_order(self, packets: Iterator[Packet], size: int) -> Iterator[Packet]:
-        """Yield the packets that hold an image of ``size`` bytes. A packet without a time is left out. If the time of a
-        packet is not later than the time of the previous packet, one of the two counts as damaged and is left out: this
-        packet if its time is also not later than the time of the last packet before the two, otherwise the previous
-        packet.
+        """Yield the packets that hold an image of ``size`` bytes. A packet without a time is left out. If a packet's
+        time is not later than the previous packet's time, the previous packet or this packet counts as damaged and is
+        left out. It is the previous packet if this packet's time is later than the time of the packet before the
+        previous packet; otherwise it is this packet.
 
         A packet is yielded only when the next packet is known. Otherwise, one packet with a far too late time would be
         yielded, and all packets after it would seem too early.
@@ -303,8 +303,8 @@ def _start_us(container: InputContainer) -> tuple[int, str]:
     """Return the time in microseconds that the device's clock showed at the file's time 0, and an empty text. If the
     file does not state this time, return 0 and a note.
 
-    The recorder subtracts this time from all time stamps, and the SDK's player adds it again. The tag
-    K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
+    The recorder subtracts the device's time at the file's time 0 from all time stamps, and the SDK's player adds it
+    again. The tag K4A_DEPTH_DELAY_NS only serves to pair depth with colour; it does not change the time stamps.
     """
     stated = container.metadata.get("K4A_START_OFFSET_NS", "")
     if re.fullmatch(r"[0-9]{1,19}", stated):

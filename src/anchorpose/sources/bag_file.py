@@ -1,9 +1,10 @@
 """Read the messages in bags (files of ROS messages) as bytes, by topic. The package rosbags reads ROS 1 bags, and ROS 2
 bags in MCAP; Python's sqlite3 reads ROS 2 bags in SQLite.
 
-Only the file readers of rosbags are used. The package could not decode the messages of RealSense and Orbbec, because
-the definitions of these messages in the bag lack fields. A ROS 1 bag that was cut off has no index, so its chunks are
-read one after the other. At any other damage, reading stops, and a note names the tool that repairs the file.
+Of the package rosbags, only the readers of files are used. The package could not decode the messages of RealSense and
+Orbbec, because the definitions of these messages in the bag lack fields. A ROS 1 bag that was cut off has no index, so
+its chunks are read one after the other. At any other damage, reading stops, and a note names the tool that repairs the
+file.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-# Maximum size of an unpacked message in bytes, a hundred times the usual size. Larger sizes are refused, since a
-# damaged file may state any size.
+# Maximum size of an unpacked message in bytes, a hundred times the usual size. Messages for which the file states a
+# larger size are refused, since a damaged file may state any size.
 _LARGEST_BYTES: Final = 1 << 30
 _MESSAGE, _CHUNK, _CONNECTION = b"\2", b"\5", b"\7"  # value of the field "op" in each kind of record of ROS 1
 _ENDINGS: Final = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
@@ -122,7 +123,7 @@ class _RosbagsFile(BagFile):
 
     @abstractmethod
     def _reader(self) -> Any:
-        """Return rosbags' reader of this file, not opened yet."""
+        """Return a reader of the package rosbags for this file; the reader is not opened yet."""
 
     def _open(self) -> list[tuple[int, Channel, int | None]]:
         try:
@@ -326,7 +327,8 @@ def _damaged(error: Exception) -> DamagedBag:
     """Convert a library's error to DamagedBag; an error of the disk or a MissingPackage is raised again."""
     if isinstance(error, DamagedBag):
         return error
-    # a damaged bz2 stream raises OSError without errno, and a position outside the file raises OSError with EINVAL
+    # some errors of the type OSError mean damage of the bag, not of the disk: a damaged bz2 stream raises OSError
+    # without errno, and a position outside the file raises OSError with EINVAL
     of_the_disk = isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
     if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_IOERR_READ:
         raise OSError(errno.EIO, os.strerror(errno.EIO)) from error

@@ -1,7 +1,8 @@
 """Convert recorders' files to a recording folder, image by image. A stopped conversion can be resumed; until the
 conversion is complete, the folder is not a recording.
 
-conversion.json in this folder identifies the inputs and options, so that the conversion can be resumed or repeated.
+The file conversion.json in the recording folder identifies the inputs and options, so that the conversion can be
+resumed or repeated.
 """
 
 from __future__ import annotations
@@ -225,8 +226,9 @@ def _write_images(
             # per camera, the number of images up to the last image that the stopped conversion wrote
             to_skip = [writer.given for writer in writers]
             frames = source.frames()
-            # Such a source can begin at a position. Other sources do not yield damaged images, so in them the number of
-            # images to skip is not a position; their images are read and skipped.
+            # A source whose images are all in one file can begin at any image. Sources of other kinds do not yield
+            # damaged images, so the number of images to skip is not a position in them; their first images are read and
+            # skipped.
             if isinstance(source, ImageFiles) and source.in_one_file:
                 frames, done, to_skip = source.frames(to_skip[0]), done + to_skip[0], [0]
             progress(done, total)

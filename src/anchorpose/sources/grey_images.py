@@ -25,7 +25,7 @@ Size = tuple[int, int]
 """Width and height in pixels."""
 
 # Scales to choose from, in metres per grey value. With these scales, the largest 16-bit value stands for 16, 33 and 65
-# m. At such distances, depth cameras measure in steps coarser than the scale.
+# m. At distances of this size, depth cameras measure in steps that are coarser than the scale.
 _SCALES: Final = (0.00025, 0.0005, 0.001)
 _WHOLE_MM: Final = 0.01  # tolerance in millimetres within which a reading counts as a whole number of millimetres
 _SPARE: Final = 1.25  # assumed maximum ratio of the readings in later images to the largest reading in the first image
@@ -184,8 +184,8 @@ def _decode_pgm(data: bytes, camera: SourceCamera) -> tuple[np.ndarray | None, s
 def scale_of(metres: np.ndarray) -> float | None:
     """Choose the metres per grey value for a camera from an image (height, width) in metres; None without a reading.
 
-    The result is 0.001 if all readings are whole millimetres. Otherwise the result is the finest of the ``_SCALES``
-    that can represent a quarter more than the largest reading, or the coarsest if none can.
+    The result is 0.001 (grey values in millimetres) if all readings are whole millimetres. Otherwise the result is the
+    finest of the ``_SCALES`` that can represent a quarter more than the largest reading, or the coarsest if none can.
     """
     given = metres[np.isfinite(metres)].astype(np.float64)
     if given.size == 0:

@@ -45,8 +45,8 @@ from anchorpose.sources.grey_images import (
 )
 from anchorpose.sources.source import Reader, SourceCamera, json_object, require_counted
 
-# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit is
-# millimetres, the median exceeds the maximum, ``FARTHEST_M``.
+# m, minimum median of an image's readings; a smaller median shows that the unit is not metres. If the unit of an image
+# is millimetres, the median of its readings exceeds the maximum, ``FARTHEST_M``.
 NEAREST_M: Final = 0.1
 
 _NPY: Final = b"\x93NUMPY"  # first bytes of NumPy's files
@@ -78,8 +78,8 @@ def _open_array(path: Path) -> ImageFiles:
     if len(shape) != 3 or columns or kind.hasobject:
         problem = f"holds an array of shape {shape}" + (" in MATLAB's order" if columns else "")
         raise InputError(path, problem, "save depth as (images, height, width), with numpy.ascontiguousarray")
-    # If the header states too many images, the array gets one image more than the file has room for. Reading this last
-    # image then reports that the end of the file is missing.
+    # If the header states too many images, the array gets one image more than the file has room for. An attempt to read
+    # the image for which the file has no room then reports that the end of the file is missing.
     most = path.stat().st_size // max(1, math.prod(shape[1:]) * kind.itemsize) + 1
     return image_array(path, (min(shape[0], most), *shape[1:]), kind, _reader(path, start, shape[1:], kind))
 
@@ -128,8 +128,8 @@ def _npy_header(file: BinaryIO) -> tuple[Any, bool, np.dtype[Any]]:
 SIDECAR: Final = "depth.json"
 """Name of the sidecar of a folder; the sidecar of a single file has the file's name with the ending .json."""
 
-# Maximum number of images of a folder that are tested. At least one must be 16-bit grey; the others may be colour
-# images.
+# Maximum number of images of a folder that are tested. At least one of the tested images must be 16-bit grey; the
+# others may be colour images.
 LOOK_AT: Final = 100
 
 FASTEST_S, SLOWEST_S = 0.003, 1.0
@@ -174,9 +174,10 @@ def _open_images(path: Path) -> ImageFiles:
 
 
 def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
-    """Return the images with the times in their names, and True, if the names are ``<number>-<microseconds>`` with the
-    intervals of a depth camera, and not ``<date>-<HHMMSSffffff>``. Otherwise return the images with the numbers in
-    their names, or with their positions if numbers are missing or repeated; and False.
+    """Return the images with the times in their names, and True, if all names have the form
+    ``<number>-<microseconds>``, the times have the intervals of a depth camera, and they are not times of day
+    (``<date>-<HHMMSSffffff>``). Otherwise return the images with the numbers in their names, or with their positions if
+    numbers are missing or repeated; and False.
     """
     stamps = [re.fullmatch(r"\D*\d+-(\d{9,})", file.stem) for file in images]
     micros = [int(stamp[1]) for stamp in stamps if stamp is not None]
@@ -192,9 +193,10 @@ def frame_files(images: list[Path]) -> tuple[Sequence[FrameFile], bool]:
 
 
 def _are_clock_times(micros: Sequence[int]) -> bool:
-    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is the case if the
-    last twelve digits of every number can be a time of day, and if these times have other intervals than the numbers as
-    microseconds. Within a minute, both interpretations give the same intervals, and the result is False.
+    """Return whether the numbers are times of day (HHMMSSffffff), not counts of microseconds. This is so if the last
+    twelve digits of every number can be a time of day, and if the intervals between these times differ from the
+    intervals between the numbers taken as microseconds. If all times lie in the same minute, both interpretations give
+    the same intervals, and the result is False.
     """
     shifts = set[int]()
     for micro in micros:

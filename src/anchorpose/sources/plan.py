@@ -251,10 +251,10 @@ BEGIN_AGAIN: Final = "remove the unfinished recording and begin again"
 class CameraWriter(AbstractContextManager["CameraWriter"]):
     """A writer of a camera's folder, which continues after the complete images of an earlier run that was stopped.
 
-    given: the next image's number. Without numbers given to ``write``, it is the number of images received, including
-    the earlier run. written: number of images that were written, including the earlier run; restarts: how often the
-    numbers given to ``write`` began again. The number in an image's file name is its position in the source, unless
-    ``write`` gets another number.
+    given: the number that the next image gets. Unless ``write`` is called with numbers, it equals the number of images
+    received so far, including the earlier run. written: number of images that were written, including the earlier run;
+    restarts: how often the numbers given to ``write`` began again. The number in an image's file name is its position
+    in the source, unless ``write`` gets another number.
     """
 
     def __init__(self, folder: Path, plan: CameraPlan) -> None:

@@ -1,7 +1,7 @@
 """Decode the ROS messages that a depth recording needs: ROS 1's serialization and ROS 2's CDR.
 
 Fields are read according to the published definitions (docs.ros.org, sensor_msgs and tf2_msgs). The definitions that a
-bag embeds are not used, since those of Orbbec and RealSense lack fields of their messages.
+bag embeds are not used, since in bags of Orbbec and RealSense they lack fields that the messages have.
 """
 
 from __future__ import annotations

@@ -80,8 +80,8 @@ class _Candidate:
 
     @property
     def cost(self) -> tuple[bool, ...]:
-        """Return a sort key. It is lowest for the topic whose images are closest to the sensor's raw images: not
-        registered to the colour image, in whole numbers, not rectified, not compressed.
+        """Return a sort key. The sort key is lowest for the topic whose images are closest to the sensor's raw images:
+        not registered to the colour image, in whole numbers, not rectified, not compressed.
         """
         moved = not _MOVED.isdisjoint(self.words)
         return moved, self.in_metres, self.rectified, self.channel.kind == COMPRESSED
@@ -270,7 +270,8 @@ class StaticTransforms:
     """The constant transforms between coordinate frames that are stored in a bag."""
 
     def __init__(self, bag: Bag) -> None:
-        # a chain of frames that needs a transform of a damaged message reaches no fixed world
+        # damaged messages are left out, so a chain of coordinate frames that needs a transform from such a message
+        # reaches no fixed world
         messages = readable(bag, _TOPIC, read_transforms)
         self._parents = {child: (parent, values) for message in messages for parent, child, values in message}
 

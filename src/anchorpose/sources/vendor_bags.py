@@ -270,7 +270,9 @@ def _unit_m(properties: dict[int, bytes]) -> float | None:
 
 
 def _read_lens(message: Message) -> Lens:
-    """Read ``custom_msg/OBStreamProfileInfo``; its coefficients are k1 to k6, then p1, p2."""
+    """Read the lens from a message of the type ``custom_msg/OBStreamProfileInfo``, which lists the distortion
+    coefficients k1 to k6, then p1 and p2.
+    """
     reader = MessageFields(message)
     reader.header()
     reader.take(2 + 4 * (9 + 3) + 2 * 3)  # skip stream, format, pose relative to colour camera, width, height, rate

@@ -49,7 +49,8 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
     """Return the specific force in m/s2 along the segment's axes: acceleration less gravity, as an accelerometer on the
     segment measures it.
 
-    Its values (g, 3) are NaN where joints are missing. At rest the force points upwards with the size of gravity.
+    The values (g, 3) of the returned signal are NaN at times at which joints are missing. At rest the force points
+    upwards with the size of gravity.
     """
     time_s, middle_m, axes = _motion(joints, segment)
     acceleration = _derivative(_derivative(middle_m)) + GRAVITY_M_S2 * UP
@@ -57,8 +58,8 @@ def specific_force(joints: JointTable, segment: str) -> Signals:
 
 
 def angular_velocity(joints: JointTable, segment: str) -> Signals:
-    """Return the angular velocity in rad/s about the segment's axes, as a gyroscope on the segment measures it. Its
-    values (g, 3) are NaN where joints are missing.
+    """Return the angular velocity in rad/s about the segment's axes, as a gyroscope on the segment measures it. The
+    values (g, 3) of the returned signal are NaN at times at which joints are missing.
     """
     time_s, _, axes = _motion(joints, segment)
     rate = np.einsum("gij,gik->gjk", axes, _derivative(axes.reshape(-1, 9)).reshape(-1, 3, 3))

@@ -81,7 +81,7 @@ def find_sensor_clock(ours: Signals, theirs: Signals, near_s: float | None = Non
 
 def rotated_correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each lag of b (m, k) behind a (n, 3), the correlation after the best rotation, and the number of
-    samples that it uses.
+    pairs of samples from which it is computed.
 
     Samples (rows of a and b) with a NaN are left out. The lag with index i pairs a[j] with b[j + i - (n - 1)].
     """

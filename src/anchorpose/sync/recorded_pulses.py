@@ -21,8 +21,9 @@ EVENTS_REMEDY: Final = "give an events.tsv, whose first line begins with onset, 
 
 
 def recorded_pulses(path: Path, results: Path, joints: JointTable, column: str, kind: str | None) -> tuple[Pulses, ...]:
-    """Return the possible readings of the pulses, on the clock of the first camera. A signal has two readings
-    (``pulses_of_signal``), since its rising edges may be the starts or the ends of pulses; other files have one.
+    """Return the possible interpretations (readings) of the recorded pulses as starts and ends, on the clock of the
+    first camera. A signal has two readings (``pulses_of_signal``), since its rising edges may be the starts or the ends
+    of pulses; other files have a single reading.
 
     path: an events.tsv, whose onsets count from the recording's first frame; or a .csv on the recording's clock, either
     with the signal ``column``, or with a single column of times, one per pulse. kind: the trial_type of the rows that

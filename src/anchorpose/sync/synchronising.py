@@ -144,8 +144,9 @@ def _by_pulses(results: Path, joints: JointTable, other: OtherFile, settings: Sy
 
 
 def other_pulses(other: OtherFile, name: str) -> tuple[Pulses, ...]:
-    """Return the pulses in the stream of markers or the signal ``name``, for a signal in both readings
-    (``pulses_of_signal``); raises InputError if the file has neither.
+    """Return the pulses in the stream of markers or in the signal called ``name``; for a signal, return both readings,
+    in which its rising edges are the starts or the ends of pulses. Raises InputError if the file has no such stream or
+    signal.
     """
     markers = [each for each in other.markers if each.name == name]
     if markers:
