@@ -63,10 +63,10 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest error of a limb or of a joint. For a limb, this is the longest unbroken time in which the limb was in
-    plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the longest unbroken
-    time in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time
-    at which the error began. Both are None if no such error occurred.
+    """The longest-lasting error of a limb or of a joint. For a limb, this is the longest unbroken time in which the
+    limb was in plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the
+    longest unbroken time in which the joint was over ``WRONG_M`` from its true place. joint: name of the joint, None
+    for a limb; start_s: time at which the error began. Both are None if no such error occurred.
     """
 
     joint: str | None = None
@@ -238,7 +238,7 @@ class Evaluation:
     truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames with a confident error
     # share of the joint positions without a true position (patient away, limb missing) for which the results report a
-    # position; no other figure includes them; None if every joint has a true position
+    # position; no other field counts these joint positions; None if every joint has a true position
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
@@ -292,8 +292,8 @@ the results, by more than this factor. For a truth in minutes, both are 60 times
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds may have fewer frames than the
-    results, or cover a shorter time, without an error.
+    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds is accepted even if it has
+    fewer frames than the results, or covers a shorter time.
     """
     if min(len(truth_s), len(results_s)) < 2:
         return

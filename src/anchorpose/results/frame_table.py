@@ -39,8 +39,8 @@ def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of numbers. In memory, the columns are one array (..., names), or (...) for a single name. NaN in memory
-    is null in the file.
+    """Columns of numbers, which are one array in memory, of shape (..., names), or (...) for a single name. NaN in
+    memory is null in the file.
 
     least, most: smallest and largest allowed number.
     """
@@ -51,7 +51,7 @@ class Numbers:
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of the columns for pyarrow: nullable numbers."""
+        """Return the declaration of the columns for pyarrow: numbers, which may be null."""
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -96,7 +96,7 @@ class Flags:
     name: str
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of the column for pyarrow: nullable booleans."""
+        """Return the declaration of the column for pyarrow: booleans, which may be null."""
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:

@@ -57,8 +57,8 @@ def open_parquet(path: Path, schema: pa.Schema) -> Any:
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """Read a table. Raises InputError unless it has exactly the columns of ``schema``, and nulls only where the schema
-    allows them.
+    """Read a table; raises InputError unless the file has exactly the columns of ``schema``, and nulls only where the
+    schema allows them.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
     lack, and the values to use instead.

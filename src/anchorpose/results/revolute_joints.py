@@ -1,4 +1,5 @@
-"""Compute axes.parquet: the position of each knee and elbow, and the axis about which it bends (paper, Section III).
+"""Compute axes.parquet: the position of each knee and elbow, and the axis about which it bends (Section III of the
+paper that README.md cites).
 
 The axis is the normal of the plane in which both bones lie. A straight limb does not determine this plane. The body
 model's hinge, an axis fixed to the upper bone, would also give an axis for a straight limb. But depth images hardly

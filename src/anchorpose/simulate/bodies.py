@@ -1,5 +1,5 @@
-"""Give simulated bodies properties that the tracker's shape space lacks: any human lengths and girths, shoes, braces,
-stumps.
+"""Give simulated bodies properties outside of the tracker's shape space (the body shapes that its model can represent):
+independent lengths and girths of the segments, shoes, braces, stumps.
 """
 
 from __future__ import annotations

@@ -119,8 +119,8 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
 
 
 def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return rotations (n, 3, 3) from upright of a segment whose long axis points along ``up`` (n, 3) and whose right
-    side faces ``right`` (n, 3).
+    """Return the rotations (n, 3, 3) from the upright posture of a segment whose long axis points along ``up`` (n, 3)
+    and whose right side faces ``right`` (n, 3).
     """
     return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
 

@@ -124,7 +124,7 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The patient's visibility in each camera's images, in order of their numbers."""
+    """The patient's visibility in each camera's images, in the order of the images' numbers."""
 
     patient_pixels: np.ndarray  # (t, cameras), number of pixels that show the patient
     seen_share: np.ndarray  # (t, 21, cameras), seen share of the camera-facing skin around each joint

@@ -105,7 +105,7 @@ def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, both_m = [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]], height[:, ANKLES]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ANKLES].mean(axis=1))
-    # min, not nanmin: if an ankle is lost, it is unknown which ankle is lower
+    # if an ankle is lost, it is unknown which ankle is lower; so ``min`` is used, which is then NaN, and not ``nanmin``
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 

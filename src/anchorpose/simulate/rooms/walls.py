@@ -75,8 +75,8 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    range_m: the sensor's range. A door that opens during the recording is within this range. The mirror image of the
-    patient is within this range, too, if the room has enough space.
+    range_m: the sensor's range. A door that opens during the recording is within the sensor's range. The mirror image
+    of the patient is within the sensor's range, too, if the room has enough space.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
