@@ -117,8 +117,8 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, LongestE
     """Return, per limb, the longest time in which the limb was in plain view while one of its joints was over
     ``WRONG_M`` from the joint's true place.
 
-    Row i of joints and row i of truth belong to the same frame. A lost joint does not count as wrong. The duration of a
-    frame is the usual time between two frames.
+    Row i of joints and row i of truth belong to the same frame. A lost joint does not count as wrong. The longest time
+    includes its last frame, which lasts the usual time between two frames.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -150,7 +150,8 @@ accepted, since all of its frames match.
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
     """Return the longest-lasting error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
 
-    A frame in which the joint is lost ends the error. The duration of a frame is the usual time between two frames.
+    A frame in which the joint is lost ends the error. The error includes its last frame, which lasts the usual time
+    between two frames.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
     runs = (_longest_run(off[:, column], joints.time_s, name) for column, name in enumerate(JOINT_NAMES))
@@ -159,7 +160,9 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
-    """The error of one angle; fields are None if no frame has both the angle and its truth."""
+    """The error of one angle. If no frame has both the angle and its truth, ``frames`` is 0 and all other fields are
+    None.
+    """
 
     frames: int
     mean_abs_deg: float | None
@@ -209,7 +212,9 @@ def _mean(values: np.ndarray) -> float | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """The errors of some joints in some frames; fields are None if no joints are compared."""
+    """The errors of some joints in some frames; a field is None if no joint position exists from which it can be
+    computed.
+    """
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost

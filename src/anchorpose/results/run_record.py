@@ -109,7 +109,7 @@ class CameraRecord:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """A remaining error of a calibration."""
+    """An error that remains after a calibration: its camera, its kind (``what``), its value and its unit."""
 
     camera: str
     what: str  # for example "equipment, median distance to the model"
@@ -259,7 +259,7 @@ def note_lost(intervals: list[LostInterval], before: int | None, frame: int, tim
     """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
     one. If ``why`` is empty, the patient was found and nothing is added.
 
-    before: number of the frame before; None for the first frame. The numbers of successive frames need not be
+    before: number of the preceding frame; None for the first frame. The numbers of successive frames need not be
     consecutive.
     """
     if not why:
@@ -275,7 +275,7 @@ def note_poor(
     intervals: list[PoorInterval], before: int | None, frame: int, time_s: float, poor: Sequence[PoorDepth]
 ) -> None:
     """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
-    interval. before: number of the frame before; None for the first frame.
+    interval. before: number of the preceding frame; None for the first frame.
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)

@@ -74,7 +74,7 @@ class TrueEvent:
 def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
     """Return the true events in the order of the file; None if the file is not the truth of a session.
 
-    Raises InputError if its arrays do not fit each other.
+    Raises InputError if the arrays of the file do not fit each other.
     """
     arrays = read_arrays(path, _EVENTS, TRUTH_REMEDY)
     if not arrays:

@@ -179,7 +179,7 @@ def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
-    """Return the hash of each file by run.json and the log, without files that were removed."""
+    """Return the last hash of each file that run.json or the log states, without files that were removed."""
     logged: dict[str, str | None] = dict(written)
     for event in log.events:
         logged |= event.files
@@ -197,7 +197,7 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Return whether this state is acceptable."""
+        """Return whether a file in this state counts as right: it is as it was written, or was measured again."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 
@@ -217,7 +217,9 @@ class Verified:
 
     @property
     def is_right(self) -> bool:
-        """Return whether all files are as they were; another version of the program does not count as a fault."""
+        """Return whether all files are as they were written or were measured again, and the log has no faults. Another
+        version of the program does not count as a fault.
+        """
         files = (*self.results.values(), *(self.recording or {}).values())
         return not self.broken and all(fits.is_right for fits in files)
 
@@ -256,8 +258,8 @@ def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fi
 
 
 def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
-    """Return the hashes of all tables and pictures, and of the wanted files inside the folder; other files that a log
-    names are left out.
+    """Return the hashes of all tables and pictures, and of the files in ``wanted`` that lie inside the folder;
+    ``wanted`` files outside of the folder, which a log may name, are left out.
     """
     inside = [results / name for name in wanted if (results / name).resolve().is_relative_to(results.resolve())]
     files = {*output_files(results), *(path for path in inside if path.is_file())}

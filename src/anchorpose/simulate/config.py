@@ -214,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
         case "leaves":
-            # leaves 0.4 of the recording for the walk out, and as much for the walk back
+            # the walk out has the first 0.4 of the recording, and the walk back has the last 0.4
             return replace(free, away_s=((0.4 * seconds, 0.6 * seconds),))
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))

@@ -268,7 +268,9 @@ def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
 
 
 def _write_shown(folder: Path, record: Record, frame: int, image: np.ndarray) -> None:
-    """Write the image of a frame, or a copy of the earlier file that the recorder repeats in this frame."""
+    """Write the image of a frame; if the recorder repeats an earlier image in this frame, copy the file of that image
+    instead.
+    """
     path = folder / f"{frame:06d}.png"
     if record.shown[frame] == frame:
         _write_png(path, image)

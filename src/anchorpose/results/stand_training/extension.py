@@ -124,9 +124,9 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, if the
-    patient stands still; the left foot has the same value with the sign reversed. sigma (n,); state_code (n,): worst
-    state of the joints used.
+    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, computed
+    as for a patient who stands still; the left foot has the same value with the sign reversed. sigma (n,); state_code
+    (n,): worst state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
     mass lies to the side of both ankles. A patient who stands still with the centre of mass there would fall without
