@@ -85,8 +85,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """Return (n, 21) bool: joints that are more than ``FAR_M`` from their true place, and along some axis by more than
     ``CONFIDENT_SIGMAS`` times their stated sigma.
 
-    truth_m (n, 21, 3) metres, NaN where unknown. The value is False for a lost joint, and for a joint whose truth is
-    unknown.
+    truth_m (n, 21, 3): true positions of the joints in metres, NaN where unknown. The value is False for a lost joint,
+    and for a joint whose truth is unknown.
     """
     wrong = distance_m(joints, truth_m) > FAR_M  # False where either position is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
@@ -148,7 +148,8 @@ accepted, since all of its frames match.
 
 
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
-    """Return the longest-lasting error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
+    """Return the longest-lasting error of all joints; truth_m (n, 21, 3): their true positions in metres, NaN where
+    unknown.
 
     A frame in which the joint is lost ends the error. The error includes its last frame, which lasts the usual time
     between two frames.

@@ -43,7 +43,8 @@ by rounding errors.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Trials of the reference condition and of another condition, and the blocks within which their order was drawn.
+    """Trials of the reference condition and of another condition, and the blocks within which the order of the
+    conditions was drawn at random.
 
     treated (n,) bool: False for the reference; block (n,) int: number of each trial's block. Every block has trials of
     both conditions. weights (n,): the difference is the sum of weights times values; weights are positive for the
