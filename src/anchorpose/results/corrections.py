@@ -299,6 +299,8 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
-    """Parse one correction in the JSON form of the file. Raises InputError, which names ``path``."""
+    """Parse one correction in the JSON form of the file; raises InputError, which names ``path``, if the values are not
+    a correction.
+    """
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found

@@ -152,7 +152,8 @@ class FrameTable(Generic[Frames]):
     def open(self, path: Path) -> Iterator[RowGroups[Any]]:
         """Open the file for writing frame by frame; it is complete when the ``with`` block ends without an error.
 
-        Each appended frame must have the fields of ``arrays`` without their first axis.
+        Each appended frame must have the same fields as the dataclass ``arrays``, without their first axis (the
+        frames).
         """
         schema = self.schema()
 

@@ -212,8 +212,8 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints. Joints with an
-    unknown position are lost.
+    """Return true joints (t, 21, 3) as a table with a sigma of almost 0, at the frames of the found joints. Joints with
+    an unknown position are lost.
     """
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)

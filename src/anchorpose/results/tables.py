@@ -190,7 +190,7 @@ PROCESSING: Final = ("measured", "smoothed", "filled")
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``.
+    processing (n, a) int8 index into ``PROCESSING``: whether the angle was measured, smoothed or filled.
     """
 
     processing: np.ndarray

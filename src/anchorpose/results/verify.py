@@ -102,7 +102,9 @@ def add_event(
 
 
 def read_log(results: Path) -> Log | None:
-    """Return the log of a results folder, None if it has none; raises InputError if a line is not a log entry."""
+    """Return the log of a results folder, None if the folder has no log; raises InputError if a line is not a log
+    entry.
+    """
     path, events, broken, previous = results / LOG_FILE, list[Event](), list[str](), ""
     if not path.exists():
         return None
@@ -205,7 +207,7 @@ class Fits(StrEnum):
 class Verified:
     """The outcome of the check. results, recording: the state of each file; recording is None if none is given.
     program: sentences on each difference between the run's version, code and libraries and the present ones. corrected:
-    sentences on each correction and its author. log: entries of the log. broken: sentences on faults of the log.
+    sentences on the corrections and their authors. log: entries of the log. broken: sentences on faults of the log.
     """
 
     results: Mapping[str, Fits]
@@ -297,7 +299,9 @@ def _program(run: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _corrections(run: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return sentences on who corrected what, in the order of the file."""
+    """Return sentences on who corrected what: who named the patient, who corrected how many joints on a day, and who
+    marked frames as unusable.
+    """
     given = run.get("corrections")
     if not given:
         return ()

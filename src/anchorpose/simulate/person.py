@@ -277,7 +277,7 @@ class _RestSkin(NamedTuple):
 
 
 class _Folds(NamedTuple):
-    """``Clothes`` at one moment, float32."""
+    """The folds of ``Clothes`` at one moment, as float32 arrays."""
 
     cover: np.ndarray
     gap: np.ndarray

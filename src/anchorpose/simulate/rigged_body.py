@@ -69,7 +69,9 @@ def sampled_vertices(asset: BodyAsset) -> np.ndarray:
 
 
 def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np.ndarray) -> BodyMesh:
-    """Turn each limb about its joint to the direction of the asset's rest pose, and put the feet on the floor."""
+    """Turn each limb about its joint to the limb's direction in the rest pose of the body asset, and put the feet on
+    the floor.
+    """
     turns = np.tile(np.eye(3), (len(heads), 1, 1))
     for side in ("Left", "Right"):
         for name, end in ENDS.items():

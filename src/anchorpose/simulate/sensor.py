@@ -73,8 +73,8 @@ SENSORS = {
         filtered=True,
     ),
     # mode WFOV 2x2 binned, field of view 120 x 120 degrees (117 with this lens), range 0.25 to 2.88 m (Microsoft's
-    # hardware specification). At 2.88 m, this mode has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6
-    # times that of azure-kinect
+    # hardware specification). At 2.88 m, the WFOV mode has the random error that the mode NFOV unbinned has at 3.86 m,
+    # so its noise is taken as 1.6 times that of "azure-kinect"
     "azure-kinect-wfov": SensorSpec(
         kind="time-of-flight",
         width=512,

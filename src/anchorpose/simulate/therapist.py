@@ -283,7 +283,7 @@ def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: f
 
 
 def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
-    """Return goals with palms flat on the held skin, and fingers that point away from the therapist and upwards.
+    """Return the hands' goals: palms flat on the held skin, and fingers that point away from the therapist and upwards.
 
     place_m, normal (t, 2, 3): held places on the skin and their normals.
     """

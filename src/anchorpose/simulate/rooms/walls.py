@@ -165,7 +165,7 @@ def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
 
 
 def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
-    """Return the triangles (2, 3, 3) of the panel, as a board at x."""
+    """Return the triangles (2, 3, 3) of the panel, as a board at x = ``x_m``."""
     p = panel
     return _quad([(x_m, p.low_m, p.from_m), (x_m, p.low_m, p.to_m), (x_m, p.high_m, p.to_m), (x_m, p.high_m, p.from_m)])
 
