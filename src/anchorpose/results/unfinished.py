@@ -78,8 +78,8 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``, a text that stands for its inputs, settings and code;
-    None if no unfinished run exists, or its identity cannot be read.
+    """Return the identity of the unfinished run into ``path`` (see ``begin_journal``); None if no unfinished run
+    exists, or its identity cannot be read.
     """
     work = _work_of(path)
     try:
@@ -229,9 +229,9 @@ def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
     """Return the journal, the folder for a run's progress, in an unfinished results folder: a new journal, or the
     journal of an earlier run with the same identity.
 
-    identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError, without changing anything, if the unfinished run had other inputs, settings or code, or its journal
-    cannot be read.
+    identity: hash of inputs, settings and code, or for a live session a text that begins with ``LIVE``; inputs: the
+    hash of each file by its path in the recording. Raises InputError, without changing anything, if the unfinished run
+    had other inputs, settings or code, or its journal cannot be read.
     """
     journal = results / JOURNAL
     if os.path.lexists(journal):
