@@ -1,7 +1,8 @@
 """Define the body's angles (names, the joints they are computed from, formulas) and the axes of its segments.
 
-Arrays of vectors have the components x, y, z on the first axis, (3, ...). With this layout, numpy is several times as
-fast as with the components on the last axis. A segment's axes are x forward, y up, z to the patient's right (ISB).
+Arrays of vectors have the components x, y, z on the first axis: their shape is (3, ...). With this layout, numpy is
+several times as fast as with the components on the last axis. A segment's axes are x forward, y up, z to the patient's
+right (ISB).
 
 Sources: Wu et al. 2002 (doi:10.1016/S0021-9290(01)00222-6) for pelvis and spine, Wu et al. 2005
 (doi:10.1016/j.jbiomech.2004.05.042) for thorax and arm. Depth images do not show the bony landmarks that these papers
@@ -20,42 +21,44 @@ from anchorpose import rotations
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the dot product (...) of vectors (3, ...)."""
+    """Return the dot product, shape (...), of vectors of shape (3, ...)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product (3, ...) of vectors."""
+    """Return the cross product, shape (3, ...), of vectors of shape (3, ...)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def length(vector: np.ndarray) -> np.ndarray:
-    """Return the length (...) of vectors (3, ...)."""
+    """Return the length, shape (...), of vectors of shape (3, ...)."""
     return np.sqrt(dot(vector, vector))
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """Scale vectors (3, ...) to length one. The result is NaN where a vector has length zero."""
+    """Scale vectors of shape (3, ...) to length one. The result is NaN where a vector has length zero."""
     return rotations.unit(vector, axis=0)
 
 
 def square_to(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Remove from ``vector`` its component along the unit vector ``axis``; return the rest (3, ...), scaled to length
-    one.
+    """Remove from ``vector`` its component along the unit vector ``axis``; return the rest, shape (3, ...), scaled to
+    length one.
     """
     return unit(vector - dot(vector, axis) * axis)
 
 
 def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angle (...) in radians between vectors ``a`` and ``b``, exact also for small angles; NaN where a
-    vector has length zero.
+    """Return the angle in radians, shape (...), between vectors ``a`` and ``b`` of shape (3, ...), exact also for small
+    angles; NaN where a vector has length zero.
     """
     across, along = length(cross(a, b)), dot(a, b)
     return np.where((across == 0) & (along == 0), np.nan, np.arctan2(across, along))
 
 
 def arcsin(sine: np.ndarray) -> np.ndarray:
-    """Return the arcsine (...) of ``sine``. Values that rounding has moved beyond -1 or 1 count as -1 or 1."""
+    """Return the arcsine of ``sine`` in radians, in the shape of ``sine``. Values that rounding has moved beyond -1 or
+    1 count as -1 or 1.
+    """
     return np.arcsin(np.clip(sine, -1.0, 1.0))
 
 

@@ -38,11 +38,11 @@ class Effect:
     difference: condition minus reference; low, high: the ends of its 95 % interval, None with too few trials. p: p
     value of the permutation test, adjusted for the number of conditions; exact: whether p was computed from all
     possible assignments of conditions to trials, not from a random sample of them. detectable: smallest difference that
-    counts as real: the larger of two limits, plus the difference that trials of different length alone can cause; None
-    if neither a limit nor this difference is known. One limit is the difference that errors of measurement alone exceed
-    only 5 times in 100. The other limit is the MDC95 (minimal detectable change) of repeated sessions. repeated:
-    whether the larger limit is the MDC95. design: ``PAIRS``, ``BLOCKS`` or ``FREE``. why: the reason why the difference
-    is not tested, if p is None.
+    counts as real; None if none of its three parts is known. It is the larger of the error limit and the MDC95, plus
+    the difference that trials of different length alone can cause. The error limit is the difference that errors of
+    measurement alone exceed only 5 times in 100. The MDC95 is the minimal detectable change that repeated sessions have
+    shown. repeated: whether the MDC95 is at least as large as the error limit. design: ``PAIRS``, ``BLOCKS`` or
+    ``FREE``. why: the reason why the difference is not tested, if p is None.
     """
 
     reference: str
@@ -184,8 +184,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     The scatter of the trials includes their random errors of measurement. So if the observed scatter has a smaller
     variance than these errors, the variance of the errors is used. The systematic errors of all trials of a session are
     fully correlated. These errors cancel in the difference if they are equally large; if a part of them remains, its
-    variance is added to the variance of the scatter. If the trials do not scatter (such as equal counts) and a sigma is
-    unknown, the interval is unknown.
+    variance is added to the variance of the scatter. If the scatter is 0, as it may be for counts, and the sigma of a
+    trial is unknown, the interval is unknown.
     """
     weights = blocks.weights
     random = (1.0 - share) * float(np.sum((weights * sigma) ** 2))

@@ -40,9 +40,9 @@ seen. The value is the share that is required for a joint to be observed.
 class ContactConfig:
     """Limits that define when skin counts as touched, when touched skin becomes a contact, and when a contact ends."""
 
-    # m, maximum distance between touched skin and the skin of another person. The value is the sum of 3 cm, of 2 cm for
-    # the fingers of a hand of which the cameras see only the back, and of half the spacing of the skin points of other
-    # people.
+    # m, maximum distance between touched skin and the skin of another person. The value is the sum of 3 cm, the maximum
+    # distance between skin and skin in a contact; of 2 cm, the thickness of the fingers, since cameras see only the
+    # back of a hand that holds; and of half the spacing of the skin points of other people.
     reach_m: Positive = 0.06
     begin_m2: Positive = 0.0025  # m2, minimum area to begin a contact (a few fingertips); a smaller area may be noise
     keep_m2: Positive = 0.0007  # m2, minimum area to continue a contact: the area that one skin point represents
@@ -116,7 +116,7 @@ class _Open:
 
 
 class ContactIntervals:
-    """A collector of contacts. It receives frames in the order of time, yields each contact when it has ended, and
+    """A collector of contacts: it receives frames in the order of time, yields each contact when it has ended, and
     stores the contacts that continue.
 
     region (p,): index into ``REGIONS`` of each skin point; equipment: names of the parts to which gaps are measured.
@@ -134,8 +134,9 @@ class ContactIntervals:
     ) -> Iterator[Contact]:
         """Add the next frame; yield the contacts that ended before this frame.
 
-        near: None if the patient is lost. Other people are not followed while the patient is lost, so they get new
-        names afterwards. gaps: None if the patient is lost or the equipment is unknown.
+        near: the distances from the patient's skin to other people, None if the patient is lost. Other people are not
+        followed while the patient is lost, so they get new names afterwards. gaps: the gaps between the patient's skin
+        and the equipment, None if the patient is lost or the equipment is unknown.
         """
         if near is None:
             yield from self.finish()
@@ -198,8 +199,9 @@ class ContactIntervals:
                 yield key, _Touch(none, bool(begins[row]), area_m2, float(shown[row]), gap_m)
 
     def _continues(self, now: tuple[int, float], near: Nearness, key: _Key, kept: _Open) -> bool:
-        """Return whether a contact continues: the region is touched in this frame, or the contact is hidden while the
-        person is within ``HIDDEN_M``, or the touch has paused for at most ``release_s``.
+        """Return whether the contact ``kept`` continues in the frame ``now``: its region is touched in this frame; or
+        the touching person hides the touched skin and is within ``HIDDEN_M`` of it; or the touch has paused for at most
+        ``release_s``.
         """
         if kept.last == now:
             return True

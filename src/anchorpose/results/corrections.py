@@ -204,7 +204,7 @@ class Corrections:
         return (*self.unusable, *self.joints, *(() if self.patient is None else (self.patient,)))
 
     def same_subject(self, entry: Correction) -> Correction | None:
-        """Return the valid entry that ``added`` would replace by ``entry``; None if ``added`` would replace none."""
+        """Return the valid entry that ``entry`` would replace if it were added; None if it would replace none."""
         about = _subject(entry)
         return next((old for old in self.valid if about is not None and _subject(old) == about), None)
 
@@ -245,7 +245,7 @@ class Corrections:
 
 
 def now_utc() -> str:
-    """Return the present time in UTC, to the second, for the field ``when``."""
+    """Return the present time in UTC, to the second, as corrections store it in the field ``when``."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -277,7 +277,7 @@ def corrections_beside(results: Path) -> Path:
 
 
 def read_corrections(path: Path) -> Corrections:
-    """Read a corrections.json. Raises InputError, which names the file, the place in it and a remedy."""
+    """Read a corrections.json; raises InputError, which names the file, the place in the file and a remedy."""
     return read_document(path, CorrectionsDocument)
 
 
@@ -299,6 +299,8 @@ def write_corrections(path: Path, corrections: Corrections) -> None:
 
 
 def parse_correction(path: Path, values: dict[str, Any]) -> Correction:
-    """Parse one correction in the JSON form of the file. Raises InputError, which names ``path``."""
+    """Parse one correction in the JSON form of the file; raises InputError, which names ``path``, if the values are not
+    a correction.
+    """
     found: Correction = validate(path, cast("Any", AnyCorrection), values)
     return found

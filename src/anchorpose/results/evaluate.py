@@ -63,10 +63,10 @@ SEEN_SHARE: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LongestError:
-    """The longest error of a limb or of a joint. For a limb, this is the longest unbroken time in which the limb was in
-    plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the longest unbroken
-    time in which the joint was that far from its true place. joint: name of the joint, None for a limb; start_s: time
-    at which the error began. Both are None if no such error occurred.
+    """The longest-lasting error of a limb or of a joint. For a limb, this is the longest unbroken time in which the
+    limb was in plain view while one of its joints was over ``WRONG_M`` from its true place. For a joint, it is the
+    longest unbroken time in which the joint was over ``WRONG_M`` from its true place. joint: name of the joint, None
+    for a limb; start_s: time at which the error began. Both are None if no such error occurred.
     """
 
     joint: str | None = None
@@ -85,8 +85,8 @@ def confident_errors(joints: JointTable, truth_m: np.ndarray) -> np.ndarray:
     """Return (n, 21) bool: joints that are more than ``FAR_M`` from their true place, and along some axis by more than
     ``CONFIDENT_SIGMAS`` times their stated sigma.
 
-    truth_m (n, 21, 3) metres, NaN where unknown. The value is False for a lost joint, and for a joint whose truth is
-    unknown.
+    truth_m (n, 21, 3): true positions of the joints in metres, NaN where unknown. The value is False for a lost joint,
+    and for a joint whose truth is unknown.
     """
     wrong = distance_m(joints, truth_m) > FAR_M  # False where either position is NaN
     farthest = np.abs(joints.position_m - truth_m).max(axis=2)
@@ -117,8 +117,8 @@ def wrong_in_view(joints: JointTable, truth: Truth) -> tuple[tuple[str, LongestE
     """Return, per limb, the longest time in which the limb was in plain view while one of its joints was over
     ``WRONG_M`` from the joint's true place.
 
-    Row i of joints and row i of truth belong to the same frame. A lost joint does not count as wrong. The duration of a
-    frame is the usual time between two frames.
+    Row i of joints and row i of truth belong to the same frame. A lost joint does not count as wrong. The longest time
+    includes its last frame, which lasts the usual time between two frames.
     """
     off = distance_m(joints, truth.position_m) > WRONG_M
     visible = in_plain_view(truth)
@@ -148,9 +148,11 @@ accepted, since all of its frames match.
 
 
 def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
-    """Return the longest-lasting error of all joints; truth_m (n, 21, 3) metres, NaN where unknown.
+    """Return the longest-lasting error of all joints; truth_m (n, 21, 3): their true positions in metres, NaN where
+    unknown.
 
-    A frame in which the joint is lost ends the error. The duration of a frame is the usual time between two frames.
+    A frame in which the joint is lost ends the error. The error includes its last frame, which lasts the usual time
+    between two frames.
     """
     off = distance_m(joints, truth_m) > WRONG_M  # False where either position is NaN
     runs = (_longest_run(off[:, column], joints.time_s, name) for column, name in enumerate(JOINT_NAMES))
@@ -159,7 +161,9 @@ def longest_off(joints: JointTable, truth_m: np.ndarray) -> LongestError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AngleError:
-    """The error of one angle; fields are None if no frame has both the angle and its truth."""
+    """The error of one angle. If no frame has both the angle and its truth, ``frames`` is 0 and all other fields are
+    None.
+    """
 
     frames: int
     mean_abs_deg: float | None
@@ -209,7 +213,9 @@ def _mean(values: np.ndarray) -> float | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSummary:
-    """The errors of some joints in some frames; fields are None if no joints are compared."""
+    """The errors of some joints in some frames; a field is None if no joint position exists from which it can be
+    computed.
+    """
 
     joint_frames: int  # number of joint positions whose truth is known
     lost_share: float | None  # share of ``joint_frames`` that are lost
@@ -238,7 +244,7 @@ class Evaluation:
     truly_hidden: ErrorSummary | None
     confident_errors: float | None  # share of overall.joint_frames with a confident error
     # share of the joint positions without a true position (patient away, limb missing) for which the results report a
-    # position; no other figure includes them; None if every joint has a true position
+    # position; no other field counts these joint positions; None if every joint has a true position
     reported_absent_share: float | None
     angles: tuple[tuple[str, AngleError], ...]
     axes: tuple[tuple[str, AngleError], ...]  # errors of the axes of knees and elbows
@@ -292,8 +298,8 @@ the results, by more than this factor. For a truth in minutes, both are 60 times
 
 
 def _require_same_unit(path: Path, truth_s: np.ndarray, results_s: np.ndarray) -> None:
-    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds may have fewer frames than the
-    results, or cover a shorter time, without an error.
+    """Raise InputError if the truth's times are in minutes or hours. A truth in seconds is accepted even if it has
+    fewer frames than the results, or covers a shorter time.
     """
     if min(len(truth_s), len(results_s)) < 2:
         return

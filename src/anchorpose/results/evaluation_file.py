@@ -50,9 +50,10 @@ def _named(evaluation: Evaluation, *names: str) -> dict[str, Any]:
 
 
 def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text with the columns with, part, frames touched, precision and recall: first contacts with
-    people, then with equipment. For people and for equipment, a row for all parts is followed by a row for each part
-    that was touched or reported. The list is empty if no contacts were evaluated.
+    """Return rows of text on contacts, first with people, then with equipment. The columns are: people or equipment,
+    part of the body, number of frames in which it was truly touched, precision, recall. For people and for equipment, a
+    row for all parts together is followed by a row for each part that was touched or reported. The list is empty if no
+    contacts were evaluated.
     """
     return [
         (toucher, name.replace("_", " "), str(score.touched), *_cells((score.precision, score.recall), 100, 0))
@@ -63,9 +64,10 @@ def contact_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text with six columns: name of a group of joints, mean error, median error, 95 % error, share of
-    lost joints, coverage. The groups are all joints, each joint, all joints in a state, and others; a group without a
-    joint in any frame is left out.
+    """Return rows of text with six columns: name of a group of joints, mean error, median error, 95th percentile of the
+    error, share of lost joints, coverage. The groups are all joints, each joint, the joints in each state, all hidden
+    joints, the joints that the truth calls seen or hidden, and the joints in occluded and in other frames; a group
+    without a joint in any frame is left out.
     """
     groups = [
         ("all joints", evaluation.overall),
@@ -85,7 +87,9 @@ def evaluation_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text (name of an angle or axis; mean error and 95 % error in degrees; share within 1.96 sigma)."""
+    """Return rows of text with four columns: name of an angle or axis, mean error and 95th percentile of the error in
+    degrees, share of errors within 1.96 sigma.
+    """
     axes = ((f"axis of {name}", error) for name, error in evaluation.axes)
     return [
         (name.replace("_", " "), *_cells((error.mean_abs_deg, error.p95_deg)), *_cells((error.coverage_95,), 100))

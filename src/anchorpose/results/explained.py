@@ -34,12 +34,13 @@ MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """The measures of how well the pose of one frame explains the frame's depth images (``Explanation``).
+    """The measures of how well the pose of one frame explains the frame's depth images, as the class ``Explanation``
+    holds them.
 
     uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
-    is lost or not seen at all. seen_past (5,): share of each part's skin that a camera sees past, in the order of
-    ``PART_NAMES``. A camera sees past skin if it measures a surface farther away at this place. The share is NaN where
-    the patient is lost or too little of the part is in view.
+    is lost or not seen at all. seen_past (5,): share of each part's camera-facing skin that a camera sees past, in the
+    order of ``PART_NAMES``. A camera sees past a point of skin if it measures a surface behind this point. The share is
+    NaN where the patient is lost or too little of the part is in view.
     """
 
     frame: int

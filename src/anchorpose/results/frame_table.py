@@ -39,8 +39,8 @@ def cut_rows(table: Frames, rows: slice | np.ndarray) -> Frames:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of numbers. In memory, the columns are one array (..., names), or (...) for a single name. NaN in memory
-    is null in the file.
+    """Columns of numbers, which are one array in memory, of shape (..., names), or (...) for a single name. NaN in
+    memory is null in the file.
 
     least, most: smallest and largest allowed number.
     """
@@ -51,7 +51,7 @@ class Numbers:
     type: pa.DataType = field(default_factory=pa.float64)
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of the columns for pyarrow: nullable numbers."""
+        """Return the declaration of the columns for pyarrow: numbers, which may be null."""
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -96,7 +96,7 @@ class Flags:
     name: str
 
     def schema(self) -> list[pa.Field]:
-        """Return the declaration of the column for pyarrow: nullable booleans."""
+        """Return the declaration of the column for pyarrow: booleans, which may be null."""
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
@@ -152,7 +152,8 @@ class FrameTable(Generic[Frames]):
     def open(self, path: Path) -> Iterator[RowGroups[Any]]:
         """Open the file for writing frame by frame; it is complete when the ``with`` block ends without an error.
 
-        Each appended frame must have the fields of ``arrays`` without their first axis.
+        Each appended frame must have the same fields as the dataclass ``arrays``, without their first axis (the
+        frames).
         """
         schema = self.schema()
 

@@ -42,14 +42,14 @@ def usual_step_s(time_s: np.ndarray) -> float:
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
     """Return the maximum time in s between successive frames; in a longer gap, a frame is missing, and filters must not
-    bridge this gap. NaN for fewer than two frames.
+    bridge this gap. The result is NaN for fewer than two frames.
     """
     return LONGEST_STEP * usual_step_s(time_s)
 
 
 def longest_dropped_s(time_s: np.ndarray) -> float:
-    """Return the maximum time in s between successive frames of one movement (``ONE_DROPPED``); NaN for fewer than two
-    frames.
+    """Return the maximum time in s between successive frames of one movement: ``ONE_DROPPED`` times the usual time
+    between frames, so that one dropped frame does not end the movement; NaN for fewer than two frames.
     """
     return ONE_DROPPED * usual_step_s(time_s)
 
@@ -86,7 +86,7 @@ def runs_of_known(chosen: np.ndarray, known: np.ndarray, time_s: np.ndarray) -> 
     """Leave out all frames that are not ``known`` (n,) bool, and return the unbroken runs of ``chosen`` frames among
     the remaining frames.
 
-    So a joint that is lost for a moment does not end a run. A run may contain unknown frames, but does not begin or end
+    A run continues after a moment in which a joint is lost. A run may contain unknown frames, but does not begin or end
     with an unknown frame.
     """
     rows = np.flatnonzero(known)

@@ -129,9 +129,10 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     angle is 0 if the shank points straight back from the knee, perpendicular to the line through the hip joints. It is
     positive if the thigh is rotated inwards, so that the foot moves outwards.
 
-    The rotation is the last of ISB's Cardan angles z, x, y, with the plane's normal as the thigh's z. The angle has no
-    value for a leg that is within ``PLANE_KNOWN_RAD`` of straight or of folded, since the plane is then undetermined. A
-    leg that is bent backwards has no value either, since the normal of its plane is reversed.
+    The rotation is the last of ISB's Cardan angles in the order z, x, y. The normal of the plane through hip, knee and
+    ankle is taken as the thigh's z axis. The angle has no value for a leg that is within ``PLANE_KNOWN_RAD`` of
+    straight or of folded, since the plane is then undetermined. A leg that is bent backwards has no value either, since
+    the normal of its plane is reversed.
     """
     hip, knee, ankle = (points[f"{name}{side}"] for name in ("Hip", "Knee", "Ankle"))
     across, y = unit(points["HipRight"] - points["HipLeft"]), unit(hip - knee)
@@ -294,13 +295,13 @@ core's cache.
 
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is lost or the
-    lever is below ``LEAST_LEVER``.
+    """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is lost, or where
+    the lever (``Reading``) is below ``LEAST_LEVER``: the joints then determine the angle too poorly.
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. To find the error of
     an angle, each coordinate of its joints is moved by its sigma in both directions. A derivative is not used, since
-    the derivative of a straight knee's angle is undefined and would give no error. The error of the formula itself
-    (``own_sigma``) is added in quadrature.
+    the derivative of a straight knee's angle is undefined, so that no error could be computed from it. The error of the
+    formula itself (``own_sigma``) is added in quadrature.
     """
     angle, sigma = np.empty((2, len(group.names), position_m.shape[-1]))
     for rows in blocks(angle.shape[1], AT_ONCE):

@@ -50,15 +50,15 @@ class RowGroups(Generic[Row]):
 
 
 def open_parquet(path: Path, schema: pa.Schema) -> Any:
-    """Open a parquet writer with fixed values of all options that affect the bytes."""
+    """Open a parquet writer with fixed values of all options that affect the bytes of the file."""
     return pq.ParquetWriter(
         path, schema, version="2.6", compression="zstd", compression_level=3, write_page_checksum=True
     )
 
 
 def read_parquet(path: Path, schema: pa.Schema, rows: Any = None, later: Mapping[str, Any] | None = None) -> pa.Table:
-    """Read a table. Raises InputError unless it has exactly the columns of ``schema``, and nulls only where the schema
-    allows them.
+    """Read a table; raises InputError unless the file has exactly the columns of ``schema``, and nulls only where the
+    schema allows them.
 
     rows: a pyarrow expression that selects the rows to read; None for all. later: columns that files of older versions
     lack, and the values to use instead.
@@ -81,8 +81,8 @@ def _with_columns(table: pa.Table, schema: pa.Schema, later: Mapping[str, Any]) 
 
 
 def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = None) -> pa.Table:
-    """Read a table with all of its columns, or only the named columns; raises InputError if it is damaged or lacks a
-    named column.
+    """Read a table with all of its columns, or only the named columns; raises InputError if the file is damaged or
+    lacks a named column.
 
     rows: a pyarrow expression that selects the rows to read; None for all.
     """
@@ -93,7 +93,9 @@ def read_any_parquet(path: Path, rows: Any = None, columns: list[str] | None = N
 
 
 def read_parquet_schema(path: Path) -> pa.Schema:
-    """Return the names, types and metadata of a table, without reading it; raises InputError if it is damaged."""
+    """Return the names, types and metadata of a table, without reading its rows; raises InputError if the file is
+    damaged.
+    """
     with refuse_unreadable(path):
         schema = pq.read_schema(path)
         _require_names(schema)

@@ -3,9 +3,9 @@ differences under all other assignments of conditions to trials that could have 
 
 Frames of a recording are not independent, but trials are exchangeable if their condition was drawn at random. If the
 conditions have no effect, all assignments of the conditions to the trials of a block would have given the same values,
-and each assignment is equally probable. p is the share of assignments whose difference, in either direction, is at
-least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and Onghena
-2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
+and each assignment is equally probable. The p value is the share of assignments whose difference, in either direction,
+is at least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and
+Onghena 2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
 difference is divided by its standard error, since a condition that only reduces the scatter of the trials would
 otherwise seem to change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is
 adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
@@ -43,7 +43,8 @@ by rounding errors.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Trials of the reference condition and of another condition, and the blocks within which their order was drawn.
+    """Trials of the reference condition and of another condition, and the blocks within which the order of the
+    conditions was drawn at random.
 
     treated (n,) bool: False for the reference; block (n,) int: number of each trial's block. Every block has trials of
     both conditions. weights (n,): the difference is the sum of weights times values; weights are positive for the
@@ -145,8 +146,8 @@ def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
 
 
 def _parts(value: np.ndarray, blocks: Blocks, weights: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return an array (2, k) for each block: the block's part of the difference between conditions (``Blocks``), and of
-    the variance of this difference, under each of k assignments of conditions to the block's trials. weights: for each
+    """Return an array (2, k) for each block: the block's part of the difference between conditions, and its part of the
+    variance of this difference, under each of k assignments of conditions to the block's trials. weights: for each
     block, the weights (k, trials) of its trials under these assignments.
     """
     found = list[np.ndarray]()
@@ -213,9 +214,9 @@ def trials_needed(comparisons: int = 1) -> int:
 
 
 def blocks_needed(blocks: Blocks, comparisons: int = 1) -> int:
-    """Return the minimum number of blocks with which p can fall below the limit in ``trials_needed``, if every block
-    has as many trials of each condition as the first of the given blocks. For example, n pairs have 2^n assignments, so
-    their smallest p is 2 / 2^n.
+    """Return the minimum number of blocks with which p can fall below 0.05 divided by the number of comparisons, if
+    every block has as many trials of each condition as the first of the given blocks. For example, n pairs have 2^n
+    assignments, so their smallest p is 2 / 2^n.
     """
     first = blocks.members[0]
     treated = int(blocks.treated[first].sum())

@@ -51,9 +51,9 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    # state of frame k and its covariance, estimated from frames 0 to k
+    # mean[k], spread[k]: state of frame k and its covariance, estimated from frames 0 to k
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
-    # state and covariance predicted for frame k from frame k - 1
+    # ahead[k], wide[k]: state and covariance predicted for frame k from frame k - 1
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
@@ -80,8 +80,8 @@ def _motion(step_s: float) -> np.ndarray:
 
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
-    """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in a
-    step of step_s, for a jerk (``smooth_stretch``) of one.
+    """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in
+    step_s seconds, if the ``jerk`` of the walk (see ``smooth_stretch``) is 1.
     """
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
@@ -326,7 +326,7 @@ class ProcessedJoints:
 
 
 def process_joints(joints: JointTable, config: ProcessingConfig) -> ProcessedJoints:
-    """Fill gaps first. Then smooth each joint, separately in every run of known frames without a missing frame.
+    """Fill gaps first, then smooth each joint, separately in every run of known frames without a missing frame.
 
     Raises AnchorposeError if the chosen filter does not fit the recording.
     """

@@ -47,11 +47,11 @@ class Contact:
     part: one of ``REGIONS``. ``with_``: ``PERSON``, or the name of a part in the equipment's model. person: a name that
     stays the same as long as this person is followed; None for equipment. first_frame, last_frame and start_s, end_s:
     first and last frame of the contact (both included), and their times. seen_share: share of the person's touching
-    skin that some camera saw in the frame of the touch; the position of the rest is remembered from earlier frames. For
-    equipment, seen_share is the share of the frames in which some camera saw the patient's skin beside the part.
-    area_cm2: touched area of skin, mean over the frames. gap_mm: smallest measured distance between the two surfaces
-    (the patient's surface is the outside of skin or clothes); negative if the patient's surface was measured inside the
-    equipment.
+    skin that some camera saw at the time of the touch, mean over the frames; the position of unseen skin is remembered
+    from earlier frames. For equipment, seen_share is the share of the frames in which some camera saw the patient's
+    skin beside the part. area_cm2: touched area of skin, mean over the frames. gap_mm: smallest measured distance
+    between the two surfaces (the patient's surface is the outside of skin or clothes); negative if the patient's
+    surface was measured inside the equipment.
     """
 
     part: str

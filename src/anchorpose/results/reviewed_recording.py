@@ -47,8 +47,8 @@ class ReviewedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReviewedRecording:
-    """The recording and the world that corrections are about. The recording is identified by a hash of its depth images
-    and times (its name is for people), the world by the camera poses.
+    """The recording, and its world frame, to which corrections refer. The recording is identified by a hash of its
+    depth images and times (its name is for people), the world frame by the camera poses.
 
     The clocks and the height of the floor that tracking used (None if unknown) are stored too, so that they need not be
     estimated again.

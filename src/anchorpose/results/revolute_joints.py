@@ -1,9 +1,11 @@
-"""Compute axes.parquet: the position of each knee and elbow, and the axis about which it bends (paper, Section III).
+"""Compute axes.parquet: the position of each knee and elbow, and the axis about which it bends (Section III of the
+paper that README.md cites).
 
-The axis is the normal of the plane in which both bones lie. A straight limb does not determine this plane. The body
-model's hinge, an axis fixed to the upper bone, would also give an axis for a straight limb. But depth images hardly
-show how far a bone is rotated about its long axis. In the four simulated clinics used for tuning, the root-mean-square
-error of the knees' axes is some 7 degrees if the axis is taken from the hinge, and 2 if it is taken from the plane.
+The axis is the normal of the plane in which the two bones of the limb lie. A straight limb does not determine this
+plane. The body model's hinge, an axis fixed to the upper bone, would also give an axis for a straight limb. But depth
+images hardly show how far a bone is rotated about its long axis. In the four simulated clinics used for tuning, the
+root-mean-square error of the knees' axes is some 7 degrees if the axis is taken from the hinge, and 2 if it is taken
+from the plane.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Record in run.json how results were made: inputs, settings, program, durations, omitted frames and the body that was
 learnt from the recording.
 
-The same types define what is written and what may be read. A run.json may have been edited or come from another
-program: unknown keys are ignored, and keys with a default here may be missing.
+The same dataclasses define the content that is written and the content that may be read. A run.json may have been
+edited or come from another program: unknown keys are ignored, and a key may be missing if its field has a default.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class CameraRecord:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """A remaining error of a calibration."""
+    """An error that remains after a calibration: its camera, its kind (``what``), its value and its unit."""
 
     camera: str
     what: str  # for example "equipment, median distance to the model"
@@ -127,18 +127,20 @@ class StageTiming:
 
 @dataclass(frozen=True, slots=True)
 class MatchedShares:
-    """The share of each frame's nodes (points of the patient's surface) that the track tree found again in the next
-    frame.
+    """The share of each frame's nodes (points of the patient's surface) that were found again in the next frame by the
+    track tree, an optional method of following nodes.
 
-    Nodes that were not found stay at their predicted position. The share is None without the track tree, a method of
-    following nodes that is not used by default.
+    Nodes that were not found stay at their predicted position. The share is None if the track tree was not used; by
+    default, it is not used.
     """
 
     matched_share: tuple[Share | None, ...] = ()
 
     @property
     def sentences(self) -> list[str]:
-        """Return sentences for people on the mean share, and on the frames in which no node was found again."""
+        """Return sentences for people: on the mean share of nodes that were found again, and on the number of frames in
+        which no node was found again.
+        """
         known = [share for share in self.matched_share if share is not None]
         if not known:
             return []
@@ -257,7 +259,7 @@ def note_lost(intervals: list[LostInterval], before: int | None, frame: int, tim
     """Add one more frame to the intervals in which the patient is lost: it continues the last interval or begins a new
     one. If ``why`` is empty, the patient was found and nothing is added.
 
-    before: number of the frame before; None for the first frame. The numbers of successive frames need not be
+    before: number of the preceding frame; None for the first frame. The numbers of successive frames need not be
     consecutive.
     """
     if not why:
@@ -273,7 +275,7 @@ def note_poor(
     intervals: list[PoorInterval], before: int | None, frame: int, time_s: float, poor: Sequence[PoorDepth]
 ) -> None:
     """Add a frame to the intervals of poor depth: for each camera in ``poor``, the frame continues or begins an
-    interval. before: number of the frame before; None for the first frame.
+    interval. before: number of the preceding frame; None for the first frame.
     """
     for one in poor:
         at = next((k for k in range(len(intervals) - 1, -1, -1) if _goes_on(intervals[k], before, one)), None)
@@ -342,7 +344,8 @@ def write_run_record(path: Path, record: RunRecord) -> None:
 def read_run(path: Path) -> dict[str, Any]:
     """Return the content of a run.json, unchanged, after checking it against ``RunRecord``.
 
-    Raises InputError for any other file, for an unusable value, and for a picture that is not in the results.
+    Raises InputError if the file is not a run.json, has an unusable value, or names a picture outside of the results'
+    folder of pictures.
     """
     run = read_json(path, LARGEST_WITH_HASHES)
     if run.get("format") != "anchorpose-run":
@@ -357,8 +360,8 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def _less_sound_hashes(run: dict[str, Any]) -> dict[str, Any]:
-    """Return the content of run.json without the hashes of inputs that have a valid form. An hour's recording has
-    324,000 hashes; checking them one by one with the record would take longer than all other checks.
+    """Return the content of run.json without the well-formed hashes of inputs. An hour's recording has 324,000 hashes;
+    checking them one by one with the record would take longer than all other checks.
     """
     hashes = run.get("inputs_sha256")
     if not isinstance(hashes, dict):
@@ -381,7 +384,8 @@ def matched_share(run: dict[str, Any], count: int) -> np.ndarray | None:
 def as_json(value: Any) -> Any:
     """Convert dataclasses, arrays, sets, enums and paths to JSON values; a number that is not finite becomes null.
 
-    A set becomes a sorted list, so that it gives the same bytes in every run. Raises TypeError for any other object.
+    A set becomes a sorted list, so that it gives the same bytes in every run. Raises TypeError for an object of any
+    other type that has no JSON form.
     """
     if is_dataclass(value) and not isinstance(value, type):
         value = {each.name: getattr(value, each.name) for each in fields(value)}

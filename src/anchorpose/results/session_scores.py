@@ -1,5 +1,6 @@
-"""Compare the events and times of independence of a result with the truth of a simulated session. The session's
-truth.npz states the events in which something went wrong, and the contacts with the patient.
+"""Compare a result with the truth of a simulated session: the events, and the times of independence (such as the time
+for which a knee is extended without help). The session's truth.npz states the events in which something went wrong, and
+the contacts with the patient.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class TrueEvent:
 def read_true_events(path: Path) -> tuple[TrueEvent, ...] | None:
     """Return the true events in the order of the file; None if the file is not the truth of a session.
 
-    Raises InputError if its arrays do not fit each other.
+    Raises InputError if the arrays of the file do not fit each other.
     """
     arrays = read_arrays(path, _EVENTS, TRUTH_REMEDY)
     if not arrays:
@@ -125,8 +126,8 @@ def _judged_regions(bones: tuple[str, ...]) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _contacts(flags: np.ndarray, numbered: tuple[np.ndarray, np.ndarray], part: str, with_: str) -> Iterator[Contact]:
-    """Yield the contacts of a region: one for each run of True in ``flags`` (t,), and each as if cameras had seen all
-    of it. numbered: frame numbers (t,) and times (t,).
+    """Yield the contacts of a region: one for each run of True in ``flags`` (t,). Their ``seen_share`` is 1, as if
+    cameras had seen them completely. numbered: frame numbers (t,) and times (t,).
     """
     frame, time_s = numbered
     for run in runs_of(flags):
@@ -162,8 +163,8 @@ class EventScore:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeScore:
-    """Scores of the times of independence in the whole recording and in every trial. Times that are 0 or unknown in
-    both result and truth are left out.
+    """Scores of the times of independence (such as the time upright without help) in the whole recording and in every
+    trial. Times that are 0 or unknown in both result and truth are left out.
 
     within: number of measures that differ from the truth by at most 1.96 sigma; refused: number of measures that have a
     value only in the result or only in the truth.
@@ -211,8 +212,8 @@ def score_session(
 
 
 def true_joints(like: JointTable, position_m: np.ndarray) -> JointTable:
-    """Return true joints (t, 21, 3) as a table with almost no error, at the frames of the found joints. Joints with an
-    unknown position are lost.
+    """Return true joints (t, 21, 3) as a table with a sigma of almost 0, at the frames of the found joints. Joints with
+    an unknown position are lost.
     """
     unknown = ~np.isfinite(position_m).all(axis=2)
     codes = np.where(unknown, STATE_CODE[JointState.LOST], STATE_CODE[JointState.OBSERVED]).astype(np.int8)
@@ -253,7 +254,9 @@ def _of_kind(episodes: Sequence[Episode], true_events: Sequence[TrueEvent], kind
 
 
 def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
-    """Score the times of independence against the truth. The means over the trials of a condition are left out."""
+    """Compare the times of independence (such as the time upright without help) with the truth, and score them. The
+    means over the trials of a condition are left out.
+    """
     pairs = [(one, other) for one, other in _paired(found, true) if one.value or other.value]
     known = [(one, other) for one, other in pairs if one.value is not None and other.value is not None]
     within = sum(is_within(one, other) for one, other in known)

@@ -29,7 +29,7 @@ sigma of many full rotations.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointFrame:
-    """The 21 joints at one time of the reference clock, order of ``JOINT_NAMES``, world frame.
+    """The 21 joints at one time of the reference clock, in the order of ``JOINT_NAMES`` and in world coordinates.
 
     position_m (21, 3) float64, NaN for lost joints; sigma_m (21,) float64, one standard deviation along each axis, NaN
     for lost joints. Raises ValueError if position, sigma and state disagree: a lost joint must have neither position
@@ -109,9 +109,10 @@ JOINTS_FILE, read_joints, write_joints = JOINTS.file, JOINTS.read, JOINTS.open
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorFrame:
-    """Head, hands and feet in one frame: position_m (5, 3) world and sigma_m (5,), order of ``ANCHOR_NAMES``.
+    """Head, hands and feet in one frame: position_m (5, 3) world and sigma_m (5,), in the order of ``ANCHOR_NAMES``.
 
-    Anchors are extrema of the surface, not joints. An anchor that was not found is NaN.
+    Anchors are the geodesic extrema of the patient's surface, the points at the ends of head, arms and legs; they are
+    not joints. An anchor that was not found is NaN.
     """
 
     frame: int
@@ -189,7 +190,7 @@ PROCESSING: Final = ("measured", "smoothed", "filled")
 class ProcessedAngles(AngleTable):
     """Angles of joints that were smoothed or whose gaps were filled.
 
-    processing (n, a) int8 index into ``PROCESSING``.
+    processing (n, a) int8 index into ``PROCESSING``: whether the angle was measured, smoothed or filled.
     """
 
     processing: np.ndarray
@@ -208,7 +209,7 @@ POLICY_KEY: Final = "processing_policy"  # key of the policy in the metadata of 
 
 
 def read_processed_angles(path: Path) -> ProcessedAngles:
-    """Read angles_processed.parquet. Raises InputError as ``FrameTable.read`` does, and if the file's metadata do not
+    """Read angles_processed.parquet; raises InputError as ``FrameTable.read`` does, and if the file's metadata do not
     state how the joints were processed.
     """
     angles = ANGLES_PROCESSED.read(path)

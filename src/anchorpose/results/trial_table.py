@@ -1,5 +1,5 @@
-"""Store the trials of a results folder, and each trial's contacts and episodes, in two tables beside the measures; read
-an events file with the trials of results that exist already.
+"""Store the trials of a results folder, and each trial's contacts and episodes, in two tables beside the measures; also
+read the trials from an events file that is given for existing results.
 """
 
 from __future__ import annotations

@@ -290,8 +290,8 @@ def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
 
 def _handedness(joints_m: np.ndarray) -> float:
     """Return 1 if toes and knees point forward, where forward follows from the directions up and to the patient's
-    right. Return -1 if they point backward (the joints are mirrored or exchanged), NaN if it is unclear
-    (``LEAST_FORWARD_M``).
+    right. Return -1 if they point backward (the joints are mirrored or exchanged), NaN if they point forward or
+    backward by no more than ``LEAST_FORWARD_M``, or if joints are unknown.
     """
     joint = {name: _joint(joints_m, name) for name in JOINT_NAMES}
     right = joint["HipRight"] - joint["HipLeft"] + joint["ShoulderRight"] - joint["ShoulderLeft"]

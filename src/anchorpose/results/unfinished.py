@@ -78,8 +78,8 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path``; None if no unfinished run exists, or its identity cannot
-    be read.
+    """Return the identity of the unfinished run into ``path`` (see ``begin_journal``); None if no unfinished run
+    exists, or its identity cannot be read.
     """
     work = _work_of(path)
     try:
@@ -145,15 +145,17 @@ def _require_own(work: Path) -> None:
 
 
 def _journal_of(work: Path) -> Path:
-    """Return the journal that is valid at present: the overwritten run's journal until the new run has stored
-    something, then the new run's journal.
+    """Return the journal (the folder with a run's progress) that is valid at present: the overwritten run's journal
+    until the new run has stored something, then the new run's journal.
     """
     new, earlier = work / JOURNAL, work / EARLIER
     return earlier if os.path.lexists(earlier) and not _has_stored(new) else new
 
 
 def _keep_one_journal(work: Path) -> bool:
-    """Remove the journal that is not valid; return whether the overwritten run's journal was restored."""
+    """Remove the journal (the folder with a run's progress) that is not valid; return whether the overwritten run's
+    journal was restored.
+    """
     restored = _journal_of(work) == work / EARLIER
     if restored:
         _remove(work / JOURNAL)
@@ -164,8 +166,8 @@ def _keep_one_journal(work: Path) -> bool:
 
 
 def _has_stored(journal: Path) -> bool:
-    """Return whether a journal holds more than ``BEGUN_FILE`` and ``FIRST_SECONDS``. A journal that is not a folder
-    counts too, so that it is kept.
+    """Return whether a journal holds progress of a run: more than ``BEGUN_FILE`` and ``FIRST_SECONDS``. A journal that
+    is not a folder counts too, so that it is kept.
     """
     if not journal.is_dir():
         return os.path.lexists(journal)
@@ -174,7 +176,7 @@ def _has_stored(journal: Path) -> bool:
 
 
 def is_live_session(path: Path) -> bool:
-    """Return whether the unfinished run into ``path`` is a live session."""
+    """Return whether the unfinished run into ``path`` is a live session, which tracks connected cameras."""
     return os.path.lexists(_journal_of(_work_of(path)) / FIRST_SECONDS)
 
 
@@ -205,7 +207,7 @@ def _remove(entry: Path) -> None:
 
 def clear_beside_journal(work: Path) -> None:
     """Remove files that a resumed run does not need: tables and pictures of a stopped run, which are written again, and
-    the journal of an overwritten run. Call this function only after all inputs have been accepted.
+    the journal (the progress) of an overwritten run. Call this function only after all inputs have been accepted.
     """
     _clear(work, (LOCK_FILE, MARK_FILE, JOURNAL))
 
@@ -224,12 +226,12 @@ def _leave(work: Path, error: BaseException, go_on: str, path: Path) -> None:
 
 
 def begin_journal(results: Path, identity: str, inputs: dict[str, str]) -> Path:
-    """Return the journal's folder in an unfinished results folder: a new journal, or the journal of a run with the same
-    identity.
+    """Return the journal, the folder for a run's progress, in an unfinished results folder: a new journal, or the
+    journal of an earlier run with the same identity.
 
-    identity: hash of inputs, settings and code; inputs: the hash of each file by its path in the recording. Raises
-    InputError, without changing anything, if the unfinished run had other inputs, settings or code, or its journal
-    cannot be read.
+    identity: hash of inputs, settings and code, or for a live session a text that begins with ``LIVE``; inputs: the
+    hash of each file by its path in the recording. Raises InputError, without changing anything, if the unfinished run
+    had other inputs, settings or code, or its journal cannot be read.
     """
     journal = results / JOURNAL
     if os.path.lexists(journal):
@@ -253,7 +255,7 @@ def _require_same(results: Path, identity: str, inputs: dict[str, str]) -> None:
 
 
 def end_journal(results: Path) -> None:
-    """Remove the journal, which only an unfinished run needs."""
+    """Remove the journal (the folder with the run's progress), which only an unfinished run needs."""
     _remove(results / JOURNAL)
 
 

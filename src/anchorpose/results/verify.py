@@ -102,7 +102,9 @@ def add_event(
 
 
 def read_log(results: Path) -> Log | None:
-    """Return the log of a results folder, None if it has none; raises InputError if a line is not a log entry."""
+    """Return the log of a results folder, None if the folder has no log; raises InputError if a line is not a log
+    entry.
+    """
     path, events, broken, previous = results / LOG_FILE, list[Event](), list[str](), ""
     if not path.exists():
         return None
@@ -179,7 +181,7 @@ def _known(results: Path, run: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _last_written(written: Mapping[str, str], log: Log) -> dict[str, str]:
-    """Return the hash of each file by run.json and the log, without files that were removed."""
+    """Return the last hash of each file that run.json or the log states, without files that were removed."""
     logged: dict[str, str | None] = dict(written)
     for event in log.events:
         logged |= event.files
@@ -197,7 +199,7 @@ class Fits(StrEnum):
 
     @property
     def is_right(self) -> bool:
-        """Return whether this state is acceptable."""
+        """Return whether a file in this state counts as right: it is as it was written, or was measured again."""
         return self in (Fits.SAME, Fits.MEASURED)
 
 
@@ -205,7 +207,7 @@ class Fits(StrEnum):
 class Verified:
     """The outcome of the check. results, recording: the state of each file; recording is None if none is given.
     program: sentences on each difference between the run's version, code and libraries and the present ones. corrected:
-    sentences on each correction and its author. log: entries of the log. broken: sentences on faults of the log.
+    sentences on the corrections and their authors. log: entries of the log. broken: sentences on faults of the log.
     """
 
     results: Mapping[str, Fits]
@@ -217,7 +219,9 @@ class Verified:
 
     @property
     def is_right(self) -> bool:
-        """Return whether all files are as they were; another version of the program does not count as a fault."""
+        """Return whether all files are as they were written or were measured again, and the log has no faults. Another
+        version of the program does not count as a fault.
+        """
         files = (*self.results.values(), *(self.recording or {}).values())
         return not self.broken and all(fits.is_right for fits in files)
 
@@ -256,8 +260,8 @@ def _by_log(results: Path, written: Mapping[str, str], log: Log) -> dict[str, Fi
 
 
 def _hashes(results: Path, wanted: Iterable[str]) -> dict[str, str]:
-    """Return the hashes of all tables and pictures, and of the wanted files inside the folder; other files that a log
-    names are left out.
+    """Return the hashes of all tables and pictures, and of the files in ``wanted`` that lie inside the folder;
+    ``wanted`` files outside of the folder, which a log may name, are left out.
     """
     inside = [results / name for name in wanted if (results / name).resolve().is_relative_to(results.resolve())]
     files = {*output_files(results), *(path for path in inside if path.is_file())}
@@ -295,7 +299,9 @@ def _program(run: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _corrections(run: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return sentences on who corrected what, in the order of the file."""
+    """Return sentences on who corrected what: who named the patient, who corrected how many joints on a day, and who
+    marked frames as unusable.
+    """
     given = run.get("corrections")
     if not given:
         return ()

@@ -1,7 +1,7 @@
 """Build equipment: a standing frame, parallel bars, a chest pad, a walker, a wheelchair, a sling or a stool.
 
-All equipment stands still. It is fitted around the sweep, the space through which the patient's skin moves in the
-recording, so that the trunk does not pass through the equipment.
+All equipment stands still, and is fitted around the sweep: the space through which the patient's skin moves in the
+recording. So the trunk does not pass through the equipment.
 """
 
 from __future__ import annotations

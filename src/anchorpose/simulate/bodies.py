@@ -1,5 +1,5 @@
-"""Give simulated bodies properties that the tracker's shape space lacks: any human lengths and girths, shoes, braces,
-stumps.
+"""Give simulated bodies properties outside of the tracker's shape space (the body shapes that its model can represent):
+independent lengths and girths of the segments, shoes, braces, stumps.
 """
 
 from __future__ import annotations
@@ -111,7 +111,9 @@ def rescale(body: BodyMesh, scales: Scales) -> BodyMesh:
 
 
 def _carry_to_ends(names: tuple[str, ...], parents: np.ndarray, stretch: np.ndarray) -> None:
-    """Set the ``stretch`` (b, 3, 3) of fingers and toes to the geometric mean of the factors of their hand or foot."""
+    """Set the scaling matrix (``stretch``, (b, 3, 3)) of fingers and toes to the same factor in all directions: the
+    geometric mean of the three factors of their hand or foot.
+    """
     for bone, name in enumerate(names):
         if name.endswith(("FingerBase", "HandFinger1", "Thumb", "ToeBase")):
             stretch[bone] = np.eye(3) * np.cbrt(np.linalg.det(stretch[parents[bone]]))

@@ -85,7 +85,9 @@ def _chain(clips: Clips, index: int, count: int) -> np.ndarray:
 
 
 def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seated: bool) -> Capture:
-    """Convert joints (n, j, 3) to directions and rotations, after turning the subject to face +X on average."""
+    """Convert joints (n, j, 3) to a ``Capture`` (directions and rotations of body segments), after turning the subject
+    to face +X on average.
+    """
     at = {name: joints_m[:, names.index(name)] for name in names}
     across = (at["RUpperLeg"] - at["LUpperLeg"]).mean(axis=0)
     heading = np.arctan2(across[0], across[2])  # rad, angle between +Z and the direction of the subject's right side
@@ -119,8 +121,8 @@ def _measure(joints_m: np.ndarray, names: tuple[str, ...], start_s: float, seate
 
 
 def _frames(up: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return rotations (n, 3, 3) from upright of a segment whose long axis points along ``up`` (n, 3) and whose right
-    side faces ``right`` (n, 3).
+    """Return the rotations (n, 3, 3) from the upright posture of a segment whose long axis points along ``up`` (n, 3)
+    and whose right side faces ``right`` (n, 3).
     """
     return orthonormal_frame(up, right) @ orthonormal_frame(UP, RIGHT).T
 

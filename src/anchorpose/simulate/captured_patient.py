@@ -35,8 +35,8 @@ ARMS: Final = (*FOREARMS, "Arm", "Shoulder")
 
 
 def draw_captured(rng: np.random.Generator, config: SimulationConfig, person: Person) -> CapturedActor:
-    """Draw the configuration's movement. The movement begins at a random phase, so the recording may begin in the
-    middle of the movement.
+    """Draw the configuration's movement, which begins at a random phase: the recording may begin in the middle of the
+    movement.
 
     If the arms cannot be kept out of the body, the movement is drawn again, up to ``DRAWS`` times in all.
     """

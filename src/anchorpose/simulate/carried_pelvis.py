@@ -70,8 +70,8 @@ def carried_pelvis(
 
 
 def _pelvis_heights(reach_m: np.ndarray, hips_m: np.ndarray, ankles_m: np.ndarray, pelvis_m: np.ndarray) -> np.ndarray:
-    """Return (t, 2) the height of the pelvis that each leg implies. hips_m (t, 2, 3): places of the hips relative to
-    the pelvis.
+    """Return the heights (t, 2) at which the left and the right leg would carry the pelvis. reach_m (t, 2): distance
+    from hip to ankle; hips_m (t, 2, 3): places of the hips relative to the pelvis.
     """
     aside_m = (pelvis_m[:, None] + hips_m - ankles_m)[..., [0, 2]]
     rise_m = np.sqrt(np.maximum(reach_m**2 - (aside_m**2).sum(axis=2), LEAST_HEIGHT_M**2))

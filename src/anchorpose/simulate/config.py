@@ -109,7 +109,7 @@ class SimulationConfig:
     doubled_share: ProperShare = 0.0  # share of each camera's files that contain the previous depth image again
     starts_late_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the start; camera 0: 0
     ends_early_s: tuple[NotNegative, ...] = ()  # s, per camera: time without images at the end; camera 0: 0
-    # per camera, a number n, if the camera records only every n-th image; 1 for the first camera
+    # per camera, a number n: the camera records only every n-th image; 1 for the first camera; empty = every image
     every: tuple[Count, ...] = ()
     room: RoomConfig | None = None  # a cluttered room seen by one camera; None = a plain training room
     session: SessionConfig | None = None  # trials with and without stimulation, which replace ``motions``
@@ -130,11 +130,13 @@ class SimulationConfig:
 
 
 def _check_equipment(config: SimulationConfig) -> None:
-    """Raise ValueError if motions, equipment, height, therapists and holes do not fit together."""
+    """Raise ValueError if motions, captured movement, equipment and therapists' tasks do not fit together, or if the
+    patient's height or the radius of holes in the depth images is outside its range.
+    """
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    # a frame is fitted around a captured movement, so it leaves space for the movement
+    # only motions are tested here: a standing frame is fitted around a captured movement and leaves space for it
     in_frame = config.equipment == "standing-frame" and not captured
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")
@@ -212,7 +214,7 @@ def scene(config: SimulationConfig, name: Scene) -> SimulationConfig:
         case "enters-late":
             return replace(free, away_s=((-1.0, 0.3 * seconds),))
         case "leaves":
-            # leaves 0.4 of the recording for the walk out, and as much for the walk back
+            # the walk out has the first 0.4 of the recording, and the walk back has the last 0.4
             return replace(free, away_s=((0.4 * seconds, 0.6 * seconds),))
         case "hidden":
             return replace(config, curtain_s=(0.45 * seconds, 0.45 * seconds + HIDDEN_S))

@@ -16,7 +16,8 @@ from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; a rise as small as this is noise
-# m; an ankle's rise of up to ``WAVER_M`` becomes 0; a rise of at least ``WAVER_M`` + ``CLEAR_M`` is unchanged
+# m; an ankle's rise of up to ``WAVER_M`` counts as 0, a rise of at least ``WAVER_M`` + ``CLEAR_M`` counts fully, and a
+# rise between these limits counts in part
 CLEAR_M: Final = 0.06
 # m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
@@ -85,7 +86,7 @@ def _stands(ankle_m: np.ndarray, lift_m: np.ndarray) -> Spans:
     """Return the spans of rows in which a foot stands. Two spans at the same place are merged if the foot stays on the
     floor between them.
 
-    ankle_m (n, 3), lift_m (n,): ankle and height of one foot.
+    ankle_m (n, 3): ankle of one foot; lift_m (n,): height of this foot in the air, 0 on the floor.
     """
     course = gaussian_filter1d(ankle_m[:, [0, 2]], 2.0, axis=0)
     speed = np.linalg.norm(np.gradient(course, axis=0), axis=1) * CLIP_HZ

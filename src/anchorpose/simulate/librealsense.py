@@ -16,8 +16,8 @@ import numpy as np
 from anchorpose.simulate.sensor import SensorSpec, sense
 
 HALF: Final = 2  # pixels; each block of 2 x 2 pixels of the imager becomes one pixel of the image
-# Recordings do not state the settings of the real filters. With the values below, a depth edge is blurred over 12
-# pixels, as in real recordings.
+# Recordings do not state the settings of the real filters; the values below blur a depth edge over 12 pixels, as in
+# real recordings.
 SMOOTHING: Final = 0.3  # weight of a pixel's own disparity; the previous pixel's result has the remaining weight
 # pixels, maximum step of disparity that is smoothed; only surfaces nearer than 1.1 m can cause a greater step
 JOINED_PX: Final = 25.0

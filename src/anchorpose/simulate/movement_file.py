@@ -118,7 +118,9 @@ def _drawn(
 
 
 def _loses_a_limb(arrays: dict[str, np.ndarray], index: int) -> bool:
-    """Return whether a wrist or an ankle moves faster than ``LOST_M_S`` between two frames of a clip."""
+    """Return whether a wrist or an ankle moves faster than ``LOST_M_S`` between two frames of a clip, so that the
+    Kinect must have lost it.
+    """
     ends = np.isin(arrays["joint_names"], ["LHand", "RHand", "LFoot", "RFoot"])
     clip = arrays["joints_mm"][arrays["offsets"][index] : arrays["offsets"][index + 1], ends]
     steps_m = np.linalg.norm(np.diff(clip.astype(np.float64), axis=0), axis=2) / 1000.0

@@ -309,8 +309,8 @@ def _draw_steps(
 
 
 def _rail_goals(person: Person, grip_m: np.ndarray, times: int) -> HandGoals:
-    """Return goals with the palms on the rails, and with fingers that point forward and down. Wrists are above the
-    rails, so no forearm touches a rail.
+    """Return the hands' goals: palms on the rails, and fingers that point forward and down. Wrists are above the rails,
+    so no forearm touches a rail.
     """
     fingers = np.cos(GRIP_TILT_RAD) * FORWARD - np.sin(GRIP_TILT_RAD) * UP
     palm_out = -np.sin(GRIP_TILT_RAD) * FORWARD - np.cos(GRIP_TILT_RAD) * UP

@@ -1,4 +1,6 @@
-"""Draw one simulated person: a body that is not exactly in the tracker's shape space, in clothes with folds."""
+"""Draw one simulated person: a body that is not exactly in the tracker's shape space (the body shapes that its model
+can represent), in clothes with folds.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +40,10 @@ FOLDS = 7  # number of waves whose sum gives the folds of clothes
 # mean and standard deviation of clothes' height, in units of ``Clothes.amplitude_m``
 MEAN_HEIGHT, FOLD_HEIGHT = 0.75, 0.32
 # GAP_SPREAD: standard deviation of the logarithm of the gap between skin and clothes. GAP_PER_FOLD: wavelength of the
-# gap's variation over the skin, divided by the wavelength of the folds. The gaps make simulated clothes similar to real
-# ones: tracking learns an offset for each patch of skin (with a prior of 20 mm), and these offsets had the following
-# root mean squares: 5 mm in a simulated recording without such gaps, 14 mm in two simulated recordings with gaps, and
-# 17 mm in twelve real recordings, which include coarser sensors and other bodies.
+# gap's variation over the skin, divided by the wavelength of the folds. These gaps make simulated clothes similar to
+# real ones. For each patch of skin, tracking learns the offset of the seen surface from the bare skin (with a prior of
+# 20 mm). The root mean square of these offsets was 5 mm in a simulated recording without such gaps, 14 mm in two
+# simulated recordings with gaps, and 17 mm in twelve real recordings, which include coarser sensors and other bodies.
 GAP_SPREAD, GAP_PER_FOLD = 1.0, 4.0
 CHILD_HEIGHTS_M = (1.0, 1.5)
 CHILD_SPREAD = 0.9  # factor on the standard deviations of the asset's distribution of children
@@ -275,7 +277,7 @@ class _RestSkin(NamedTuple):
 
 
 class _Folds(NamedTuple):
-    """``Clothes`` at one moment, float32."""
+    """The folds of ``Clothes`` at one moment, as float32 arrays."""
 
     cover: np.ndarray
     gap: np.ndarray

@@ -28,9 +28,9 @@ HEIGHT_SOFTNESS_M = 0.004
 SPINE_SHARES = (("LowerBack", 0.5), ("Spine", 0.5), ("Spine1", 0.0))  # each bone's share of the trunk's bend
 NECK_SHARES = (("Neck", 0.4), ("Neck1", 0.6), ("Head", 0.0))  # each bone's share of the head's bend
 CLAVICLE_SHARE = 0.25  # clavicle's share of the arm's elevation beyond 30 degrees (scapulohumeral rhythm)
-# m, about the length of an upper arm. The elbow of an arm that holds something bends towards a point this far behind
-# the place that the elbow would have otherwise. The reason is that people who hold rails beside the hips have their
-# elbows behind the hands.
+# m, about the length of an upper arm: the elbow of an arm that holds something bends towards a point this far behind
+# the place that the elbow would have otherwise, since people who hold rails beside the hips have their elbows behind
+# the hands.
 ELBOW_BEHIND_M = 0.3
 
 
@@ -47,7 +47,7 @@ class Captured:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Posture:
-    """A posture over time. The first axis of all arrays is the time (t). The second axis of arrays (t, 2, ...) is the
+    """A posture over time: the first axis of all arrays is the time (t). The second axis of arrays (t, 2, ...) is the
     side: left, right.
     """
 

@@ -1,5 +1,4 @@
-"""Render noise-free depth images. The room is rendered once, by rays; people are rendered in every frame, by a depth
-buffer.
+"""Render noise-free depth images: the room once, by rays, and the people in every frame, by a depth buffer.
 
 A depth buffer draws the 27,000 triangles of a body in a few milliseconds. Rays would need a search tree over the
 triangles, which takes tens of milliseconds.

@@ -200,7 +200,9 @@ def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray
 
 
 def _knee_directions(pelvis: np.ndarray, legs: np.ndarray, knee_m: np.ndarray) -> np.ndarray:
-    """Return the directions (t, 2, 3) in which the knees point: as captured if they are clearly bent, else ahead."""
+    """Return the directions (t, 2, 3) in which the knees point: as captured if the knees are clearly bent, else
+    straight ahead.
+    """
     along = legs.sum(axis=2)
     forward = unit(np.cross(pelvis[:, None, :, 2], along))
     off_m = np.linalg.norm(knee_m, axis=2, keepdims=True)

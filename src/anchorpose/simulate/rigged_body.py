@@ -32,11 +32,11 @@ end.
 
 
 def read_rigged_body(path: Path) -> BodyMesh:
-    """Read a body and turn its limbs to the asset's rest pose, so that every movement fits the body. The joints are the
-    bones' near ends.
+    """Read a body and turn its limbs to the rest pose of the body asset (the tracker's body model), so that every
+    movement fits the body. The joints are the bones' heads: their ends towards the pelvis.
 
-    The file's axes are X forward, Y up and Z to the body's right, in metres. Raises InputError if the file contains no
-    such body.
+    The file's axes are X forward, Y up and Z to the body's right, in metres. Raises InputError if the file cannot be
+    read, lacks an array, or has other bones than the body asset.
     """
     remedy = "give a body as docs/simulate.md describes it"
     arrays = read_arrays(path, KEYS, remedy)
@@ -69,7 +69,9 @@ def sampled_vertices(asset: BodyAsset) -> np.ndarray:
 
 
 def _in_rest_pose(rig: BodyAsset, asset: BodyAsset, heads: np.ndarray, tails: np.ndarray) -> BodyMesh:
-    """Turn each limb about its joint to the direction of the asset's rest pose, and put the feet on the floor."""
+    """Turn each limb about its joint to the limb's direction in the rest pose of the body asset, and put the feet on
+    the floor.
+    """
     turns = np.tile(np.eye(3), (len(heads), 1, 1))
     for side in ("Left", "Right"):
         for name, end in ENDS.items():

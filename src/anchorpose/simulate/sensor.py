@@ -38,7 +38,8 @@ SENSORS = {
     "kinect-v2": SensorSpec(
         kind="time-of-flight", width=512, height=424, focal_px=365.0, nearest_m=0.5, farthest_m=4.5
     ),
-    # mode NFOV unbinned; about half of the Kinect v2's noise (Toelgyessy et al. 2021, doi:10.3390/s21020413)
+    # mode NFOV (narrow field of view) unbinned; about half of the Kinect v2's noise (Toelgyessy et al. 2021,
+    # doi:10.3390/s21020413)
     "azure-kinect": SensorSpec(
         kind="time-of-flight", width=640, height=576, focal_px=504.0, nearest_m=0.5, farthest_m=3.86, noise_gain=1.2
     ),
@@ -72,8 +73,8 @@ SENSORS = {
         filtered=True,
     ),
     # mode WFOV 2x2 binned, field of view 120 x 120 degrees (117 with this lens), range 0.25 to 2.88 m (Microsoft's
-    # hardware specification). At 2.88 m, this mode has the random error of NFOV unbinned at 3.86 m, so its noise is 1.6
-    # times that of azure-kinect
+    # hardware specification). At 2.88 m, the WFOV mode has the random error that the mode NFOV unbinned has at 3.86 m,
+    # so its noise is taken as 1.6 times that of "azure-kinect"
     "azure-kinect-wfov": SensorSpec(
         kind="time-of-flight",
         width=512,
@@ -124,7 +125,7 @@ SENSORS = {
         disparity_steps=8.0,
     ),
     # 576 measured points, which ARKit spreads over 256 x 192 pixels (apple/ARKitScenes, issue 14), range up to 5 m
-    # (Apple). The remaining error is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023,
+    # (Apple). The error of these depth images is smooth: 1 mm from a plane at 1 to 1.5 m (Teo and Yang 2023,
     # doi:10.1016/j.dibe.2023.100169; the gain is chosen for this value), and within 1 cm of the truth (Luetzenburg et
     # al. 2021, doi:10.1038/s41598-021-01763-9; cited without having been read). The focal length is taken from
     # ARKitScenes

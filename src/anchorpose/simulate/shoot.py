@@ -190,7 +190,9 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """Remove all readings within ``hole_radius_m`` of the body's centre, as in the paper's Section V (README.md)."""
+    """Remove all readings within ``hole_radius_m`` of the body's centre, as in Section V of the paper that README.md
+    cites.
+    """
     centre_m = body_centre_m(clinic.cameras, images)
     if centre_m is None:
         return depths_mm
@@ -232,7 +234,9 @@ def seen_shares(person: Person, bones: np.ndarray, skin_m: np.ndarray, camera: C
 def share_behind(
     camera: Camera, still: TrueImage, figures: tuple[Figure, ...], passers: int, image: TrueImage
 ) -> float:
-    """Return the share of the patient's pixels in a camera's image that the last ``passers`` figures hide."""
+    """Return the share of the patient's pixels in a camera's image that passers-by hide: the last ``passers`` of the
+    figures.
+    """
     if not passers or not (image.label >= PATIENT + len(figures) - passers).any():
         return 0.0
     without = int((draw_figures(camera, still, figures[:-passers]).label == PATIENT).sum())

@@ -67,7 +67,8 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down, and no therapist can lean or crouch far enough to follow
+        # a patient with a captured movement may sit down, farther than a therapist can follow; so leaning and crouching
+        # are limited
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:
@@ -282,7 +283,7 @@ def _follow(channels: np.ndarray, hold: Hold, place_m: np.ndarray, farthest_m: f
 
 
 def _hand_goals(person: Person, hold: Hold, place_m: np.ndarray, normal: np.ndarray) -> HandGoals:
-    """Return goals with palms flat on the held skin, and fingers that point away from the therapist and upwards.
+    """Return the hands' goals: palms flat on the held skin, and fingers that point away from the therapist and upwards.
 
     place_m, normal (t, 2, 3): held places on the skin and their normals.
     """

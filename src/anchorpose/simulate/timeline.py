@@ -228,7 +228,7 @@ class HandGoals:
 
     @staticmethod
     def none(times: int) -> HandGoals:
-        """Return placeholder goals for people who hold nothing."""
+        """Return placeholder goals, which have no effect on hands that hold nothing."""
         return HandGoals(np.zeros((times, 2, 3)), np.tile(np.eye(3), (times, 2, 1, 1)))
 
 

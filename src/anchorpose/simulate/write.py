@@ -124,7 +124,7 @@ def _write_documents(recording: Path, clinic: Clinic) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """The patient's visibility in each camera's images, in order of their numbers."""
+    """The patient's visibility in each camera's images, in the order of the images' numbers."""
 
     patient_pixels: np.ndarray  # (t, cameras), number of pixels that show the patient
     seen_share: np.ndarray  # (t, 21, cameras), seen share of the camera-facing skin around each joint
@@ -268,7 +268,9 @@ def _jitter_s(clinic: Clinic, index: int) -> np.ndarray:
 
 
 def _write_shown(folder: Path, record: Record, frame: int, image: np.ndarray) -> None:
-    """Write the image of a frame, or a copy of the earlier file that the recorder repeats in this frame."""
+    """Write the image of a frame; if the recorder repeats an earlier image in this frame, copy the file of that image
+    instead.
+    """
     path = folder / f"{frame:06d}.png"
     if record.shown[frame] == frame:
         _write_png(path, image)

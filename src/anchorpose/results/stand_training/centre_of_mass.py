@@ -40,8 +40,8 @@ class Segment(NamedTuple):
 _SHOULDERS, _HIPS = ("ShoulderLeft", "ShoulderRight"), ("HipLeft", "HipRight")
 
 SINGLE_SEGMENTS: Final = (
-    # head and neck: the table's centre of mass lies 0.492 of the way from the vertex to the cervicale; on the body
-    # model, this place is 0.72 of the way from SpineShoulder to Head
+    # head and neck: the table's centre of mass lies 0.492 of the way from the vertex (top of the head) to the cervicale
+    # (tip of the seventh neck vertebra); on the body model, this place is 0.72 of the way from SpineShoulder to Head
     Segment(0.0681, ("SpineShoulder",), ("Head",), 0.72),
     Segment(0.43015, _SHOULDERS, _HIPS, 0.4046),
 )
@@ -95,7 +95,9 @@ class CentreOfMass(NamedTuple):
 
 
 def centre_of_mass(joints: JointTable) -> CentreOfMass:
-    """Compute the centre of mass in every frame; the joints' errors are partly shared (``SHARED_ERROR``)."""
+    """Compute the centre of mass in every frame. Its sigma allows for the share ``SHARED_ERROR`` of the variance of the
+    joints' errors, which is common to all joints.
+    """
     weights = joint_weights()
     used = weights != 0
     position_m = np.einsum("j,njk->nk", weights[used], joints.position_m[:, used])
@@ -254,8 +256,8 @@ def _patient_axes(session: Session, run: slice) -> np.ndarray:
 
 
 def _noise_speed(residual_m: np.ndarray, rate_hz: float, cutoff_hz: float) -> float:
-    """Return the speed in m/s that the centre of mass would have below the cutoff frequency by errors of measurement
-    alone.
+    """Return the mean speed in m/s at which errors of measurement alone would move the centre of mass, at frequencies
+    below the cutoff frequency.
 
     residual_m (k, 2): the movement above the cutoff frequency, all of which is taken as error, since no standing body
     moves so fast. Below the cutoff frequency, the errors are assumed to be a random walk with power ~ 1 / f^2. This

@@ -52,11 +52,11 @@ class EventConfig:
     lead_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     # minimum rise of a failed stand, as a share of the height from the seat to straight legs; about 12 cm
     failed_rise: Annotated[float, Field(gt=0, lt=1)] = 0.3
-    # m, minimum distance by which the extrapolated centre of mass lies outside the feet's outline; less may be an error
-    # of the outline
+    # m, minimum distance by which the extrapolated centre of mass (displaced in proportion to its speed) lies outside
+    # the feet's outline; less may be an error of the outline
     beyond_m: Positive = 0.05
-    # minimum depth of an event in sigmas. In ten minutes, two knees have 3000 windows of 0.4 s. On average, errors
-    # alone reach this depth in 0.7 of these 3000 windows.
+    # minimum depth of an event in sigmas. In ten minutes, two knees are tested in 3000 windows of 0.4 s; on average,
+    # errors alone reach the minimum depth in 0.7 of these 3000 windows.
     times_sigma: Positive = 3.5
 
 

@@ -28,7 +28,8 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-# percentile of flexion used as the least (95 as the greatest); minimum and maximum are mostly errors
+# percentile of flexion that is reported as the least flexion (95: as the greatest); minimum and maximum over all frames
+# are mostly errors
 LEAST_PERCENTILE: Final = 5.0
 
 
@@ -123,9 +124,9 @@ def _difference(session: Session, angle: str) -> Measure:
 
 
 class FeetLoad(NamedTuple):
-    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, if the
-    patient stands still; the left foot has the same value with the sign reversed. sigma (n,); state_code (n,): worst
-    state of the joints used.
+    """The load on the feet in every frame. rightwards (n,): the right foot's share of the load minus one half, computed
+    as for a patient who stands still; the left foot has the same value with the sign reversed. sigma (n,); state_code
+    (n,): worst state of the joints used.
 
     Values are NaN where a joint is lost, where the feet are closer than ``LEAST_STANCE_M``, and where the centre of
     mass lies to the side of both ankles. A patient who stands still with the centre of mass there would fall without
@@ -200,7 +201,7 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), series.sigma_deg[rows[[low, high]]]
     state_code = series.state_code[rows]
-    # if the joint does not move, the extremes are two independent errors
+    # the extremes of a joint that does not move differ only by two errors, here taken as independent
     if value <= NORMAL_95 * np.hypot(first, second):
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)

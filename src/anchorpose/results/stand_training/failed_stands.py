@@ -68,7 +68,9 @@ itself takes less than a third of this time.
 def _rises(
     session: Session, block: slice, seat: float, config: TransitionConfig, events: EventConfig
 ) -> Iterator[Event]:
-    """Yield the rises in a block of ``_seated_blocks`` in which the pelvis leaves the seat and comes back to it."""
+    """Yield the rises, in a block of frames without standing (``_seated_blocks``), in which the pelvis leaves the seat
+    and comes back to it.
+    """
     time_s, stance = session.joints.time_s[block], session.stance
     way = (stance.height[block] - seat) / (1.0 - seat)
     for run in unbroken_runs(way > BACK * events.failed_rise, time_s):

@@ -147,7 +147,9 @@ def extended_states(angles: AngleTable, found: Stance, config: IndependenceConfi
 
 
 def _bend(angles: AngleTable, found: Stance, part: _Part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bend of a part, or the inclination of the trunk, and its sigma, (n,) degrees."""
+    """Return the angle (n,) in degrees by which a part is bent (of the trunk: inclined), and the sigma (n,) of this
+    angle.
+    """
     if part.angle is None:
         return found.trunk_deg, found.trunk_sigma_deg
     column = angles.column(part.angle)
@@ -269,9 +271,9 @@ def _longest_s(session: Session, frames: np.ndarray, runs: Sequence[slice]) -> f
 def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts. The reported time is the upper limit of the true time.
 
-    The true time may be less by up to ``unsure_s``. If the true time is uniformly distributed over this range, its
-    root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the distance from the
-    middle of the range.
+    The true time may be less than the reported time by up to ``unsure_s``. If the true time is uniformly distributed
+    over this range, its root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the
+    distance from the middle of the range.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 

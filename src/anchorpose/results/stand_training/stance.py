@@ -101,11 +101,13 @@ _INCLINATIONS: Final = AngleGroup(
 
 
 def _pelvis_height(joints: JointTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the height (n,) in m of the pelvis above the lower ankle (its foot is on the floor), and its sigma."""
+    """Return the height (n,) in m of the pelvis above the lower ankle (whose foot is taken to be on the floor), and the
+    sigma of this height.
+    """
     height, variance = joints.position_m[..., 1], joints.sigma_m**2
     hips, both_m = [JOINT_INDEX["HipLeft"], JOINT_INDEX["HipRight"]], height[:, ANKLES]
     sigma_m = np.sqrt(variance[:, hips].sum(axis=1) / 4.0 + variance[:, ANKLES].mean(axis=1))
-    # min, not nanmin: if an ankle is lost, it is unknown which ankle is lower
+    # if an ankle is lost, it is unknown which ankle is lower; so ``min`` is used, which is then NaN, and not ``nanmin``
     return height[:, hips].mean(axis=1) - both_m.min(axis=1), sigma_m
 
 
@@ -156,8 +158,8 @@ class UprightConfig:
 
 
 class Limits(NamedTuple):
-    """The limits in every frame, as three arrays (n,) bool: whether all ``enter`` limits are met; whether a ``leave``
-    limit is passed; whether all joints needed for these limits are known.
+    """The comparison of every frame with the limits of ``UprightConfig``, as three arrays (n,) bool: whether all
+    ``enter`` limits are met; whether a ``leave`` limit is passed; whether all joints needed for these limits are known.
     """
 
     begins: np.ndarray

@@ -50,7 +50,8 @@ def five_times_sit_to_stand(session: Session, config: TransitionConfig) -> Measu
     first, last = rises[0], rises[-1]
     rows = slice(first.frames.start, last.frames.stop)
     time_s, state_code = session.joints.time_s[rows], session.stance.state_code[rows]
-    # sigma_s of a rise has the errors of both its ends; here only one end counts
+    # sigma_s of a rise contains the errors of its beginning and of its end; here, only the beginning of the first rise
+    # and the end of the last rise count
     sigma = float(np.hypot(first.sigma_s, last.sigma_s) / np.sqrt(2.0))
     return known(name, "s", float(time_s[-1] - time_s[0]), state_code, sigma)
 

@@ -28,13 +28,13 @@ class Touch(NamedTuple):
     seen: np.ndarray
 
     def where(self, frames: np.ndarray) -> Touch:
-        """Return the touches, with none outside of the given frames (n,) bool."""
+        """Return the touches in the chosen ``frames`` (n,) bool, and no contacts in all other frames."""
         return Touch(np.where(frames, self.at_once, 0), np.where(frames, self.seen, 0.0))
 
     @property
     def inferred_share(self) -> float | None:
-        """Return the share of contacts that no camera sees, as the mean over the frames with any contact; None without
-        such frames.
+        """Return the unseen share of the touches (1 - ``seen``), as the mean over the frames with any contact; None
+        without such frames.
         """
         any_of = self.at_once > 0
         return float(np.mean(1.0 - self.seen[any_of])) if any_of.any() else None

@@ -136,7 +136,8 @@ def _window(time_s: np.ndarray, degrees: np.ndarray, rows: slice) -> Window:
     top = int(np.argmax(np.where(band, power, -1.0)))
     peak = np.abs(frequency_hz - frequency_hz[top]) <= PEAK_HZ
     held, total = float(power[peak].sum()), float(power[frequency_hz > MOVEMENT_HZ].sum())
-    # a sine of amplitude A has the mean square A^2 / 2, which a Hann window scales by the sum of the window's squares
+    # at positive frequencies, a sine of amplitude A in the Hann window ``taper`` has the power A^2 / 4 * count *
+    # sum(taper^2)
     amplitude = float(np.sqrt(4.0 * held / (count * (taper**2).sum())))
     share = min(held / total, 1.0) if total > 0 else 0.0
     centre = float((power[peak] * frequency_hz[peak]).sum() / held) if held > 0 else float(frequency_hz[top])

@@ -89,10 +89,11 @@ def time_measures(session: Session) -> list[Measure]:
 
 
 def _sigma_s(session: Session) -> float:
-    """Return sigma of the upright time. The upright time is computed twice: with all values shifted by one sigma
-    towards standing, and with all values shifted by one sigma away from standing. Sigma is half of the difference.
+    """Return sigma of the upright time, which combines two errors. For the first error, the upright time is computed
+    twice: with all values shifted by one sigma towards standing, and with all values shifted by one sigma away from
+    standing. The first error is half of the difference between these two times.
 
-    In addition, every beginning and end of a bout may be half a frame off.
+    The second error is that every beginning and end of a bout may be half a frame off.
     """
     state = session.posture.upright
     edges = 2 * len(runs_of_known(state == UPRIGHT, state != UNKNOWN, session.joints.time_s))
@@ -106,7 +107,7 @@ class TransitionConfig:
     """Settings of transitions between sitting and standing. A patient sits if both thighs are nearly level, the pelvis
     rests for a while, and the centre of mass is behind the heels.
 
-    So a squat does not count as sitting: in a short squat, the pelvis does not rest, and people cannot squat with the
+    A squat does not count as sitting: in a short squat, the pelvis does not rest, and people cannot squat with the
     centre of mass behind the heels. Standing must last, too: a patient who nearly stands and sinks back has not stood
     up.
     """

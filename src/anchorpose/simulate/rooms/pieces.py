@@ -19,7 +19,7 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A piece of furniture. Axes: y up, the floor at 0, the front towards +X."""
+    """A piece of furniture, in axes with y up, the floor at y = 0, and the front towards +X."""
 
     triangles: np.ndarray  # (n, 3, 3) triangles of the surface, m
     shiny: np.ndarray  # (n,) bool, triangles of bare metal

@@ -205,7 +205,9 @@ def _add_pusher(rng: np.random.Generator, draft: _Draft, lane: Lane) -> None:
 
 
 def _walking_lane(rng: np.random.Generator, draft: _Draft, before: bool) -> Lane:
-    """Draw a lane across the room, from corridor to corridor, in front of the patient (``before``) or behind."""
+    """Draw a lane across the room, from the corridor on one side to the corridor on the other side, in front of the
+    patient (``before``) or behind.
+    """
     o, away_m = draft.outline, draft.room.distance_m
     x = -rng.uniform(0.8, away_m - 0.7) if before else rng.uniform(0.85, o.back_m - 0.5)
     way, beyond_m = float(rng.choice([-1.0, 1.0])), CORRIDOR_M - 0.5

@@ -31,7 +31,9 @@ class Spoil:
 def draw_spoil(
     rng: np.random.Generator, bone_names: tuple[str, ...], dark: bool, shiny: bool, interference: bool
 ) -> Spoil:
-    """Draw the losses of one recording. With ``dark``, the patient has black trousers, a black top or both."""
+    """Draw the losses of readings in the depth images of one recording. With ``dark``, the patient has black trousers,
+    a black top or both.
+    """
     wears = [("Leg", "HipJoint", "Hips"), ("Spine", "Back", "Shoulder", "Arm"), ("Leg", "Hips", "Spine", "Back", "Arm")]
     chosen = wears[int(rng.integers(3))]
     parts = np.array([False, *(dark and any(name in bone for name in chosen) for bone in bone_names)])

@@ -75,8 +75,8 @@ class BackWall:
 def draw_outline(rng: np.random.Generator, room: RoomConfig, range_m: float) -> Outline:
     """Draw walls around the camera and the patient, with space for people who walk behind the patient.
 
-    range_m: the sensor's range. A door that opens during the recording is within this range. The mirror image of the
-    patient is within this range, too, if the room has enough space.
+    range_m: the sensor's range. A door that opens during the recording is within the sensor's range. The mirror image
+    of the patient is within the sensor's range, too, if the room has enough space.
     """
     least_m = 1.5 if "passes-behind" in room.others else 0.9
     most_m = least_m + 1.8
@@ -165,7 +165,7 @@ def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
 
 
 def panel_triangles(panel: Panel, x_m: float) -> np.ndarray:
-    """Return the triangles (2, 3, 3) of the panel, as a board at x."""
+    """Return the triangles (2, 3, 3) of the panel, as a board at x = ``x_m``."""
     p = panel
     return _quad([(x_m, p.low_m, p.from_m), (x_m, p.low_m, p.to_m), (x_m, p.high_m, p.to_m), (x_m, p.high_m, p.from_m)])
 

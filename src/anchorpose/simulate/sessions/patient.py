@@ -28,7 +28,8 @@ CAUGHT_S: Final = (0.2, 0.5)  # s, range of the time for which the knee then sta
 OTHER_KNEE: Final = 0.4
 
 FAILS_AT_S: Final = 1.5  # s after the onset of the trial at which the failed stand begins
-# range of the share of the way up that a failed stand reaches; from about 0.7 on, the patient would be upright
+# range of the share of the way from the seated to the standing posture that a failed stand covers; from about 0.7 on,
+# the patient would be upright
 FAILED_SHARE: Final = (0.42, 0.62)
 FAILED_UP_S, FAILED_DOWN_S = 0.8, 0.6  # s, time of rising, and of sinking back
 SEATED_FROM_S: Final = PAUSE_S - 0.3  # s from the start of sitting down to the onset of a trial with a failed stand

@@ -38,7 +38,7 @@ LETS_GO: Final = 0.15
 
 @settings
 class SessionConfig:
-    """Settings of a session. Half of the trials have stimulation; their order is random within blocks of four."""
+    """Settings of a session: half of the trials have stimulation, and their order is random within blocks of four."""
 
     trials: Annotated[int, Field(ge=2, le=200, multiple_of=2)] = 12
     trial_s: Annotated[float, Field(ge=SHORTEST_TRIAL_S, le=3600)] = 20.0
@@ -63,7 +63,7 @@ class SessionConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTrial:
-    """One trial. All times except the duration are seconds since the first frame."""
+    """One trial: all times except the duration are seconds since the first frame."""
 
     onset_s: float
     duration_s: float

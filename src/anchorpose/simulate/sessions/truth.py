@@ -30,9 +30,9 @@ class TrueEvent:
     kind: str  # knee_buckle, recovery_step or clonus, each with _left or _right; or failed_stand
     start_s: float  # onset of the incident
     end_s: float  # time of greatest depth of a buckle or failed stand, foot strike of a recovery step, end of a clonus
-    # in ``unit``. Buckle: bend in degrees. Clonus: amplitude in degrees. Failed stand: share of the way from seat to
-    # straight legs. Recovery step: greatest distance (mm) of the extrapolated centre of mass beyond the soles before
-    # the step
+    # depth of the incident, in ``unit``: of a buckle, the bend in degrees; of a clonus, the amplitude in degrees; of a
+    # failed stand, the share of the way from the seat to straight legs; of a recovery step, the greatest distance in mm
+    # of the extrapolated centre of mass beyond the soles before the step
     depth: float
     unit: str
 
