@@ -133,8 +133,9 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference. The rotation comes from a fit with a weak prior that offsets are zero, the position
-    from a fit with a strong prior; see ``SHIFT_PRIOR_FRAMES``.
+    """Return T_world_reference. Two fits are combined: the frame's rotation comes from a fit whose prior holds the
+    offsets of the joints weakly near zero, its position from a fit with a strong prior. The reason is at
+    ``SHIFT_PRIOR_FRAMES``.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -159,7 +160,8 @@ def _fit(
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return T_world_reference and offsets (21, 3), NaN for joints without data, fitted together by Gauss-Newton steps.
-    prior_frames: weight of the prior that offsets are zero, in frames; given: T_world_reference, if known.
+    prior_frames: weight of the prior that a joint's offset is zero, as the number of frames with this joint that would
+    weigh as much; given: T_world_reference, if known.
     """
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)

@@ -41,8 +41,8 @@ replaced.
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of commands without settings of tracking. Such a command uses only the table with its own
-    name in the file. ``fill_from_file`` reads the file before the command begins.
+    """The option ``--config`` of commands that use no settings of tracking. Such a command uses only the table with its
+    own name in the file. ``fill_from_file`` reads the file before the command begins.
     """
 
     config: Path | None = None

@@ -53,8 +53,9 @@ class Node:
     """A node of the hierarchy (a bone) over all frames.
 
     parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): position relative to the parent
-    node, in the parent's axes; end_m (3,): the point to which the node points, in the node's axes. axes (n, 3, 3):
-    rotation from the rest pose of the body model to the world in each frame, NaN where unknown.
+    node, in the parent's axes; end_m (3,): the far end of the bone, in the node's axes, used if the file has no node
+    below this node. axes (n, 3, 3): rotation from the rest pose of the body model to the world in each frame, NaN where
+    unknown.
     """
 
     name: str

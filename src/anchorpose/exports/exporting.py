@@ -1,5 +1,5 @@
-"""Export a results folder: write each format into a separate folder. After an error, no format is written. This module
-also writes the format CSV.
+"""Export a results folder: write each format into a separate folder. If one format cannot be written, no format is
+written. This module also writes the format CSV.
 
 The CSV export has every table of the results, wide tables of joints and angles, a long table of the measures of all
 trials, and a dictionary of all columns.

@@ -39,7 +39,7 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return each joint's position in the OpenSim body that carries the joint, as the median over the frames of
+    """Return each joint's position in the OpenSim body that carries the joint, from medians over the frames of
     position_m (n, 21, 3); None if the two ends of a bone are never known in the same frame.
     """
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
@@ -113,7 +113,7 @@ def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
 
 
 def _some(body: Places, *names: str) -> Places:
-    """Return the markers at the joints with these names."""
+    """Return the positions of the markers at the joints ``names``, by joint."""
     return {name: body[name] for name in names}
 
 

@@ -183,15 +183,17 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def form_within(like: Measure, value: float | None, low: float | None, high: float | None) -> Form:
-    """Return the form of a number with the unit of the measure ``like``. If the number has a 95 % interval, the form
-    has as many digits as the interval justifies.
+    """Return the form in which a number is written: with the unit of the measure ``like`` and, if the number has a 95 %
+    interval (``low`` to ``high``), with as many digits as this interval justifies.
     """
     sigma = None if low is None or high is None else (high - low) / 2.0 / NORMAL_95
     return value_form(replace(like, value=value or 0.0, sigma=sigma or None, why=None))
 
 
 def value_and_interval(like: Measure, value: float, low: float | None, high: float | None) -> Markup:
-    """Return the text of a difference with its sign and, if known, its 95 % interval; like: as in ``form_within``."""
+    """Return the text of a difference with its sign and, if known, its 95 % interval; like: a measure with the unit of
+    the difference.
+    """
     form = form_within(like, value, low, high)
     text = Markup("{}{}").format("+" if value > 0 else "", figure(value, form))
     if low is None or high is None:
