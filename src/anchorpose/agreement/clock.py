@@ -272,11 +272,11 @@ def offset_of_peak(
 ) -> tuple[float, float]:
     """Return the offset in seconds at which the correlation is best, and this correlation.
 
-    r, overlap: correlation and number of common samples at each lag, as ``_correlations`` returns them for every
-    ``COARSE``-th sample of the signals. least_s: minimum common time of both recordings in s; lags with less common
-    time are not considered. near_s: an estimate of the offset that is wrong by at most ``RIVAL_DISTANCE_S``; None if
-    unknown. Raises NoCommonMovement if the best correlation is too small, or another offset explains as much of the
-    movement.
+    r, overlap: correlation of the signals and number of common samples at each lag, as ``_correlations`` returns them
+    if it gets every ``COARSE``-th sample of both systems' signals. least_s: minimum common time of both recordings in
+    s; lags with less common time are not considered. near_s: an estimate of the offset that is wrong by at most
+    ``RIVAL_DISTANCE_S``; None if unknown. Raises NoCommonMovement if the best correlation is too small, or another
+    offset explains as much of the movement.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -310,7 +310,7 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     samples.
 
     a (n, k), b (m, k): corresponding signals of both systems, NaN where missing. The correlation is -1 where it is
-    undefined. Lag index i pairs a[j] with b[j + i - (n - 1)].
+    undefined. At the lag with index i, a[j] is compared with b[j + i - (len(a) - 1)].
     """
     covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
     for column in range(a.shape[1]):
@@ -340,8 +340,8 @@ def _normal_equations(
     stretches of equal duration. The two unknowns are the change of the offset, at the centre of the common time of both
     recordings, and the change of the drift.
 
-    Return matrices (b, 2, 2), right sides (b, 2), the times of common samples, and the centre of these times; None if
-    the signals have too few common samples.
+    Return matrices (``BLOCKS``, 2, 2), right sides (``BLOCKS``, 2), the times of common samples, and the centre of
+    these times; None if the signals have too few common samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ

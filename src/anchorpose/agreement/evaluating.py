@@ -139,8 +139,8 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: the name of the person in each match; matches
-    with the same name count as matches of one person.
+    """Return the rows of the table of agreement, each computed over all recordings. subjects: the name of the person in
+    each match; matches with the same name count as matches of one person.
     """
     rows = list[Agreement]()
     for quantity in quantities(matches):

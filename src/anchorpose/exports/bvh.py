@@ -91,7 +91,9 @@ def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN if they are opposite or NaN."""
+    """Return the shortest rotations (n, 3, 3) that turn unit vectors ``start`` into unit vectors ``end`` (n, 3 each);
+    NaN if they are opposite or NaN.
+    """
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))

@@ -55,8 +55,7 @@ class Bins:
 
     @property
     def thinned(self) -> bool:
-        """Return whether any group of frames holds more than one frame, so that the chart has fewer points than frames.
-        """
+        """Return whether any group of frames, which is drawn as one point, holds more than one frame."""
         return self.count < len(self.frame)
 
     @property

@@ -188,7 +188,9 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
 
 
 def _across(share: np.ndarray) -> list[int]:
-    """Convert shares of the width or height to whole units."""
+    """Convert shares of a picture's width or height to whole units of the drawing (``UNITS`` for the full width or
+    height).
+    """
     return _whole(np.round(UNITS * share))
 
 

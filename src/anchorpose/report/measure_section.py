@@ -55,7 +55,9 @@ _UNITS: Final = {
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
-    """Return the measures under each heading, both in the order of measures.csv; empty groups are left out."""
+    """Return the measures under each heading of measures.csv, in the order of this file. Measures about a part of the
+    body come last under their heading; headings without measures are left out.
+    """
     groups: dict[str, list[Measure]] = {heading: [] for heading in (*GROUPS, OTHERS)}
     order = {name: position for position, name in enumerate(_WORDS)}
     for measure in sorted(measures, key=lambda m: (m.part is not None, order.get(m.measure, len(order)))):

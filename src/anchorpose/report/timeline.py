@@ -264,8 +264,8 @@ def posture_rows(session: Session) -> list[Row]:
     """Return the rows of posture, transitions and events.
 
     A column of full height means upright, a column of half height unknown posture; no column is drawn where the patient
-    is not upright. A column is dark if the joints that determine posture were seen in all upright frames of its group,
-    else light.
+    is not upright. A column is dark if the joints that determine posture were seen in all upright frames of its group
+    of frames, else light.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
@@ -302,7 +302,9 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return the depth of an event (``Episode.depth``) as text, with 1.96 times its sigma."""
+    """Return as text how deep or how far an event went (``Episode.depth``, such as the depth of a knee's buckling),
+    with 1.96 times its sigma.
+    """
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)
