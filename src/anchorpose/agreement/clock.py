@@ -139,7 +139,9 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
 
 
 def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (t, ...) at the times ``at_s`` (n,) as ``at_times`` does; return (n, ...)."""
+    """Interpolate each column of values (t, ...) at the times ``at_s`` (n,) by ``at_times``, which leaves long gaps
+    NaN; return (n, ...).
+    """
     flat = values.reshape(len(time_s), -1)
     found = np.full((len(at_s), flat.shape[1]), np.nan)
     for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):

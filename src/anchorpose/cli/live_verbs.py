@@ -223,7 +223,7 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
 
 
 def _also_on(page: PageOutput) -> Callable[[str], None]:
-    """Return a function that prints the sentence that it is given, and also shows the sentence on the page."""
+    """Return a function that prints a sentence in the terminal, and also shows it on the page."""
 
     def tell(sentence: str) -> None:
         say(sentence)

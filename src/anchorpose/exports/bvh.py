@@ -119,10 +119,10 @@ def skeleton_of_poses(
     """Build one node per moving bone of the body model from poses.parquet; return the nodes, and the positions (g, 3)
     of the root in metres at the g times of the regular grid.
 
-    Nodes have the names that their bones have in the motion capture collection of Carnegie Mellon University (CMU).
-    Offsets are medians over the recorded frames. At a grid time between two recorded frames, a rotation is the
-    normalised, weighted mean of the quaternions in these frames. Raises InputError if the frames in poses.parquet
-    differ from ``frame`` (n,), the frames of the joints.
+    Nodes have the names that their bones have in the motion capture collection of Carnegie Mellon University (CMU). The
+    offset of a node from its parent is the median over the recorded frames. At a grid time between two recorded frames,
+    a rotation is the normalised, weighted mean of the quaternions in these frames. Raises InputError if the frames in
+    poses.parquet differ from ``frame`` (n,), the frames of the joints.
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):

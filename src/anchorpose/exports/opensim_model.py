@@ -82,7 +82,9 @@ MASS_SHARE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
-    """A coordinate of a joint: its axis in the parent body, its default value, and its range in radians or metres."""
+    """A coordinate (degree of freedom) of an OpenSim joint, such as knee flexion: its axis in the parent body, its
+    default value, and its range in radians or metres.
+    """
 
     name: str
     axis: Axis
@@ -93,8 +95,8 @@ class OsimCoordinate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OsimBody:
-    """A body, the joint that connects it to its parent, and the positions of the markers on it, each (3,) metres in the
-    body's axes.
+    """An OpenSim body (segment), the joint that connects it to its parent body, and the positions of the markers on it,
+    each (3,) metres in the body's axes.
     """
 
     name: str

@@ -146,8 +146,9 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw all extrema of the surface, write the names of extrema that were identified as head, hands or feet (the
-    anchors), and list the anchors that were missed.
+    """Draw all extrema of the surface: the points farther along the skin from the body's centre than all points around
+    them. Extrema that were identified as anchors (head, hands, feet) get their names, and anchors that were missed are
+    listed.
     """
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(

@@ -302,8 +302,8 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return as text how deep or how far an event went (``Episode.depth``, such as the depth of a knee's buckling),
-    with 1.96 times its sigma.
+    """Return as text how deep or how far an event went (``Episode.depth``, such as the degrees by which a knee
+    buckled), with 1.96 times its sigma.
     """
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
