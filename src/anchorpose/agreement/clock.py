@@ -272,7 +272,8 @@ def offset_of_peak(
     least_s: float = LEAST_OVERLAP_S,
     near_s: float | None = None,
 ) -> tuple[float, float]:
-    """Return the offset in seconds at which the correlation is best, and this correlation.
+    """Return the offset of the other system's clock, in seconds, at which the signals of both systems match best, and
+    their correlation at this offset.
 
     r, overlap: correlation of the signals and number of common samples at each lag, as ``_correlations`` returns them
     if it gets every ``COARSE``-th sample of both systems' signals. least_s: minimum common time of both recordings in

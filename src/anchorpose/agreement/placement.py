@@ -249,7 +249,9 @@ def _columns(axes: Axes) -> np.ndarray:
 
 
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (n, 3, 3) that turn unit vectors start to end (n, 3); NaN if these are opposite."""
+    """Return the smallest rotations (n, 3, 3) that turn unit vectors ``start`` into unit vectors ``end`` (n, 3 each);
+    NaN if the two are opposite.
+    """
     axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
     zero = np.zeros(len(axis))
     x, y, z = axis.T

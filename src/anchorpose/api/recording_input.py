@@ -55,7 +55,7 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
 
 @contextmanager
 def noting_how_to_go_on(out: Path) -> Iterator[None]:
-    """Add a note on how to resume to the KeyboardInterrupt or OSError by which a conversion into ``out`` is stopped."""
+    """Add a note on how to resume to a KeyboardInterrupt or OSError that stops a conversion into the folder ``out``."""
     from anchorpose.results.folder import naming_place
 
     try:

@@ -202,7 +202,7 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
-    """Print a table with a column per recording or task and a row per figure; shares are in per cent."""
+    """Print a table of numbers, with a column per recording or task and a row per quantity; shares are in per cent."""
     from rich.table import Column
 
     lines = list[list[str]]()

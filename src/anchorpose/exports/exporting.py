@@ -213,7 +213,8 @@ _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] =
 def export_results(
     results: Path, formats: Sequence[Format], config: ExportConfig, out: Path | None = None, overwrite: bool = False
 ) -> tuple[tuple[Path, Product], ...]:
-    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with its product.
+    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with the report on its
+    files.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced only with
     ``overwrite``; other folders and files are never touched. If InputError or MissingPackage is raised, no file was

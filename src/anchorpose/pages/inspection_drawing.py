@@ -168,8 +168,9 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw, for each node, how many hypotheses matched the node with a node of the next frame's surface. A node has one
-    hypothesis per subset of the anchors (head, hands, feet). The result is None without a next frame.
+    """Draw, for each node, how many of its hypotheses matched it with a node of the next frame's surface. A hypothesis
+    is the match that is found with one subset of the anchors (head, hands, feet); a node has one hypothesis per subset.
+    The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None

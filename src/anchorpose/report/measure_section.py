@@ -104,7 +104,7 @@ class MeasureSection(NamedTuple):
 
 
 def measure_section(session: Session) -> MeasureSection:
-    """Return all measures of a session."""
+    """Return the section with all measures of a session."""
     whole = [measure for measure in session.measures if not _is_detail(measure)]
     detail = [measure for measure in session.measures if _is_detail(measure)]
     return MeasureSection(
