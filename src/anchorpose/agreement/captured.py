@@ -70,8 +70,9 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Return the recording unchanged. Raises InputError if the recording has neither points nor angles, only one frame,
-    times that do not increase or span more than ``LONGEST_S``, or values beyond ``FARTHEST_M`` or ``LARGEST_DEG``.
+    """Return the recording unchanged. Raises InputError if the recording has no known point or angle, only a single
+    frame, times that do not increase or span more than ``LONGEST_S``, or values beyond ``FARTHEST_M`` or
+    ``LARGEST_DEG``.
     """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
@@ -161,8 +162,8 @@ CSV_REMEDY: Final = (
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:
-    """Read the markers of a TRC file. unit: the file's unit of length, needed if the file states none or a wrong one. A
-    marker is missing (NaN) in frames in which its three cells are all zero, or any of them is empty or NaN.
+    """Read the markers of a TRC file. unit: the file's unit of length, needed if the file states no unit or a wrong
+    unit. A marker is missing (NaN) in frames in which its three cells are all zero, or any of them is empty or NaN.
     """
     remedy = "export it again as TRC"
     lines = read_text(path, LARGEST_TABLE).splitlines()
@@ -200,7 +201,7 @@ def read_mot(path: Path) -> Captured:
 def read_csv(path: Path, unit: str | None = None) -> Captured:
     """Read a CSV file with a column of times, three columns for each point, and one column for each angle;
     ``CSV_REMEDY`` states their names. Empty cells are missing values. unit: the unit of all lengths, needed if the
-    names of the columns state none or a wrong one.
+    names of the columns state no unit or a wrong unit.
     """
     rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:

@@ -111,8 +111,8 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity to be compared. take: function that returns the quantity's values in a match (one recording as both
-    systems measured it), or None if one of the systems lacks the quantity.
+    """A quantity to be compared. take: function that returns the quantity's values in a match (a recording that both
+    systems measured), or None if one of the systems lacks the quantity.
     """
 
     kind: str

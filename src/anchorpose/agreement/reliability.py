@@ -271,8 +271,8 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
 
 def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None, used: dict[str, Path]) -> None:
     """Raise InputError if an earlier row of the table names the same results folder, or results of the same recording
-    for the same subject. used: the folders and recordings of earlier rows; those of this row are added. subject: None
-    for raters and devices, who may analyse the same recording, each with its own folder.
+    for the same subject. used: the folders and recordings of earlier rows, to which folder and recording of this row
+    are added. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
     """
     keys, digest = {str(folder.resolve()): "is given twice"}, recording_digest(run.get("inputs_sha256", {}).items())
     if digest is not None and subject is not None:

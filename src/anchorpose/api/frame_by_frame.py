@@ -176,8 +176,8 @@ class Tracker:
         return self._answer(estimate)
 
     def _begin(self) -> None:
-        """Start collecting the frames from which the body is learnt, those of ``start_s`` seconds. The next frame that
-        ``step`` receives is the first of them.
+        """Start collecting the frames from which the body is learnt, over ``start_s`` seconds. The next frame that
+        ``step`` receives is the first of these frames.
         """
         self._began_s = np.nan
         with ExitStack() as stack:

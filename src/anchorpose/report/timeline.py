@@ -226,8 +226,8 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """Return one row with a column for each group of frames that has a frame with True in ``frames`` (n,) bool; no row
-    if none is True.
+    """Return one row with a column for each group of frames that contains a frame marked True in ``frames`` (n,) bool;
+    no row if no frame is marked.
     """
     if not frames.any():
         return []
