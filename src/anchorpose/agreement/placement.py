@@ -134,8 +134,8 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return T_world_reference. Two fits are combined: the frame's rotation comes from a fit whose prior holds the
-    offsets of the joints weakly near zero, its position from a fit with a strong prior. The reason is at
-    ``SHIFT_PRIOR_FRAMES``.
+    offsets of the joints weakly near zero, its position from a fit with a strong prior. ``SHIFT_PRIOR_FRAMES`` gives
+    the reason.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)

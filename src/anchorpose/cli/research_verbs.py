@@ -26,7 +26,7 @@ def experiment(
     config: Path | None = None,
     processes: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
 ) -> None:
-    """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
+    """Repeat the paper's comparison of methods in the paper's tracking framework; write tables, figures and a page.
 
     This takes about 21 hours of one processor core; an estimate for your machine is printed at the start. You may stop
     it at any time: the same command continues. --quick shows in five minutes that everything works.
