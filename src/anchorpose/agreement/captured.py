@@ -70,8 +70,9 @@ def metres_per_unit(path: Path, unit: str | None, stated: str | None) -> float:
 
 
 def checked(captured: Captured) -> Captured:
-    """Return the recording unchanged. Raises InputError if the recording has no points and angles, only one frame,
-    times that do not increase, or impossible values.
+    """Return the recording unchanged. Raises InputError if the recording has no known point or angle, only a single
+    frame, times that do not increase or span more than ``LONGEST_S``, or values beyond ``FARTHEST_M`` or
+    ``LARGEST_DEG``.
     """
     path, known = captured.path, np.isfinite(captured.point_m).all(axis=2).any(axis=0)
     if not known.any() and not np.isfinite(captured.degrees).any():
@@ -103,9 +104,10 @@ def read_c3d(path: Path, unit: str | None = None) -> Captured:
     """Read the points and angles of a C3D file. unit: the file's unit of length, needed if the file states none or a
     wrong one.
 
-    A point counts as missing in frames for which the file states a negative residual. Unlabelled points (``*12``) are
-    left out. A subject's name and colon before a label are removed. Raises InputError for a file that cannot be used,
-    and MissingPackage if ezc3d is not installed.
+    A point is missing (NaN) in each frame in which the file gives the point a negative residual: this is how C3D marks
+    missing points. Points without a name, whose label is empty or begins with ``*`` (such as ``*12``), are left out. A
+    subject's name before a label is removed: ``Anna:LASI`` becomes ``LASI``. Raises InputError for a file that cannot
+    be used, and MissingPackage if ezc3d is not installed.
     """
     try:
         import ezc3d
@@ -160,7 +162,9 @@ CSV_REMEDY: Final = (
 
 
 def read_trc(path: Path, unit: str | None = None) -> Captured:
-    """Read a TRC file. unit: as in ``read_c3d``. A marker is missing where its cells are empty, NaN, or all zero."""
+    """Read the markers of a TRC file. unit: the file's unit of length, needed if the file states no unit or a wrong
+    unit. A marker is missing (NaN) in frames in which its three cells are all zero, or any of them is empty or NaN.
+    """
     remedy = "export it again as TRC"
     lines = read_text(path, LARGEST_TABLE).splitlines()
     if len(lines) < 6 or not lines[0].lower().startswith("pathfiletype"):
@@ -195,8 +199,9 @@ def read_mot(path: Path) -> Captured:
 
 
 def read_csv(path: Path, unit: str | None = None) -> Captured:
-    """Read a CSV file with the columns that ``CSV_REMEDY`` describes. Empty cells are missing values. unit: as in
-    ``read_c3d``; it overrides units in column names.
+    """Read a CSV file with a column of times, three columns for each point, and one column for each angle;
+    ``CSV_REMEDY`` states their names. Empty cells are missing values. unit: the unit of all lengths, needed if the
+    names of the columns state no unit or a wrong unit.
     """
     rows = [row for _, row in read_rows(path)]
     if len(rows) < 2:

@@ -49,7 +49,8 @@ LEAST_KNOWN: Final = 0.2
 class Signals:
     """Signals (distances, angles or coordinates) at evenly spaced times. time_s (g,): times in steps of 1 /
     ``GRID_HZ``; values (g, k): one column per signal, NaN in gaps. ``common_signals`` and ``position_signals`` divide
-    lengths by ``LEAST_MOVEMENT_M``, angles by ``LEAST_MOVEMENT_DEG``, so that all signals count alike.
+    lengths by ``LEAST_MOVEMENT_M``, angles by ``LEAST_MOVEMENT_DEG``, so that lengths and angles, which have different
+    units, have comparable weights.
     """
 
     time_s: np.ndarray
@@ -59,8 +60,9 @@ class Signals:
 def common_signals(
     ours: tuple[np.ndarray, np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Signals, Signals] | None:
-    """Return the signals of both systems: distances between joints, and angles, that both systems have and that vary
-    enough in both. Return None if no signal qualifies.
+    """Return corresponding signals of the two systems. A signal is the distance between two joints, or an angle; only
+    signals that both systems have, and that vary enough in both recordings, are used. Return None if no signal
+    qualifies.
 
     ours, theirs: time_s (n,), position_m (n, 21, 3) and degrees (n, a) of one system, NaN where missing. Both systems
     have the same angles in the same order.
@@ -83,8 +85,9 @@ def common_signals(
 
 
 def position_signals(time_s: np.ndarray, position_m: np.ndarray) -> Signals:
-    """Return signals from the coordinates (n, 21, 3) of joints in a frame that both systems share. Coordinates contain
-    more information than the distances of ``common_signals``.
+    """Return the coordinates (n, 21, 3) of joints as signals, one per joint and axis; they must be in a frame of
+    reference that both systems share. Coordinates contain more information than the distances between joints that
+    ``common_signals`` uses.
     """
     return on_grid(time_s, position_m.reshape(len(time_s), -1) / LEAST_MOVEMENT_M)
 
@@ -136,7 +139,9 @@ def at_times(time_s: np.ndarray, values: np.ndarray, wanted_s: np.ndarray) -> np
 
 
 def resampled(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """Interpolate values (t, ...) at the times ``at_s`` (n,) as ``at_times`` does; return (n, ...)."""
+    """Interpolate each column of values (t, ...) at the times ``at_s`` (n,) by ``at_times``, which leaves long gaps
+    NaN; return (n, ...).
+    """
     flat = values.reshape(len(time_s), -1)
     found = np.full((len(at_s), flat.shape[1]), np.nan)
     for column in np.flatnonzero(np.isfinite(flat).any(axis=0)):
@@ -180,8 +185,9 @@ class NoCommonMovement(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OtherClock:
-    """The clock of the other system: at the time t of the results it shows ``t + offset_s + drift * (t - middle_s)``.
-    Sigmas are standard deviations.
+    """The clock of the other system: when the clock of the results shows t, it shows ``t + offset_s + drift * (t -
+    middle_s)``. So ``middle_s`` is the time (on the clock of the results) at which the clocks differ by exactly
+    ``offset_s``. Sigmas are standard deviations.
 
     overlap_s: times of the first and the last common sample, on the clock of the results.
     """
@@ -229,7 +235,8 @@ def starting_clock(offset_s: float, correlation: float) -> Clock:
 
 
 def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool = True) -> Clock:
-    """Refine ``clock`` by least squares. The offset of ``clock`` must be wrong by less than the duration of a movement.
+    """Refine ``clock`` by least squares. The offset of ``clock`` must be nearly right already: with an error longer
+    than a single movement (such as one bend of the knee), the steps may end at a wrong offset.
 
     with_drift: if False, drift and its sigma stay as in ``clock``, for recordings that are too short to show a drift.
     Raises NoCommonMovement if the two recordings have too few common samples.
@@ -265,12 +272,14 @@ def offset_of_peak(
     least_s: float = LEAST_OVERLAP_S,
     near_s: float | None = None,
 ) -> tuple[float, float]:
-    """Return the offset in seconds at which the correlation is best, and this correlation.
+    """Return the offset of the other system's clock, in seconds, at which the signals of both systems match best, and
+    their correlation at this offset.
 
-    r, overlap: correlation and number of common samples at each lag, as ``_correlations`` returns them for every
-    ``COARSE``-th sample of the signals. least_s: only lags at which both recordings cover at least this time in s are
-    considered. near_s: an estimate of the offset that is wrong by at most ``RIVAL_DISTANCE_S``; None if unknown. Raises
-    NoCommonMovement if the best correlation is too small, or another offset explains as much of the movement.
+    r, overlap: correlation of the signals and number of common samples at each lag, as ``_correlations`` returns them
+    if it gets every ``COARSE``-th sample of both systems' signals. least_s: minimum common time of both recordings in
+    s; lags with less common time are not considered. near_s: an estimate of the offset that is wrong by at most
+    ``RIVAL_DISTANCE_S``; None if unknown. Raises NoCommonMovement if the best correlation is too small, or another
+    offset explains as much of the movement.
     """
     a, b = ours.values[::COARSE], theirs.values[::COARSE]
     least = max(LEAST_OVERLAP * min(len(a), len(b)), least_s * GRID_HZ / COARSE)
@@ -281,7 +290,8 @@ def offset_of_peak(
     if not considered.any():
         raise NoCommonMovement(f"they have less than {least * COARSE / GRID_HZ:.1f} s in common")
     r = np.where(considered, r, -1.0)
-    # The best lag has the largest r^2 times overlap, since a large r may be due to chance if the overlap is short.
+    # The best lag has the largest product of r^2 (r is the correlation) and overlap. With r alone, a short overlap
+    # could win by chance.
     best = int(np.argmax(r * np.sqrt(np.where(considered, overlap, 0.0))))
     if r[best] < LEAST_CORRELATION:
         raise NoCommonMovement(f"the best correlation of their movements is {max(r[best], 0.0):.2f}")
@@ -303,7 +313,7 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     samples.
 
     a (n, k), b (m, k): corresponding signals of both systems, NaN where missing. The correlation is -1 where it is
-    undefined. Lag index i pairs a[j] with b[j + i - (n - 1)].
+    undefined. At the lag with index i, a[j] is compared with b[j + i - (len(a) - 1)].
     """
     covariance, of_a, of_b, count = (np.zeros(len(a) + len(b) - 1) for _ in range(4))
     for column in range(a.shape[1]):
@@ -329,11 +339,12 @@ def _correlations(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _normal_equations(
     ours: Signals, theirs: Signals, offset_s: float, drift: float, middle_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-    """Return the normal equations of a least-squares step, separately for each of ``BLOCKS`` stretches of equal
-    duration. The step changes the drift, and the offset at the centre of the overlap.
+    """Return the normal equations of the least-squares step that improves a clock, separately for each of ``BLOCKS``
+    stretches of equal duration. The two unknowns are the change of the offset, at the centre of the common time of both
+    recordings, and the change of the drift.
 
-    Return matrices (b, 2, 2), right sides (b, 2), the times of common samples, and the centre of these times; None if
-    the signals have too few common samples.
+    Return matrices (``BLOCKS``, 2, 2), right sides (``BLOCKS``, 2), the times of common samples, and the centre of
+    these times; None if the signals have too few common samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ
@@ -365,15 +376,15 @@ def _normal_equations(
 
 
 def _without_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Subtract its weighted mean from each signal (column), since different definitions of joints shift a signal by a
-    constant.
+    """Subtract from each signal (column) its weighted mean. A constant difference between the systems, which different
+    definitions of joints cause, then has no influence.
     """
     return np.where(weight > 0, values - (weight * values).sum(axis=0) / weight.sum(axis=0), 0.0)
 
 
 def _jackknife(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Return the standard deviations (2,) of offset and drift, or (1,) of the offset alone, from their changes when
-    each stretch of the overlap is left out in turn.
+    each stretch of the common time of both recordings is left out in turn.
 
     Errors of neighbouring frames are correlated, so sigmas computed from single frames would be far too small.
     """

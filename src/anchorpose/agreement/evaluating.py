@@ -111,8 +111,8 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity to be compared. take: function that returns the quantity's values in a match, or None if one of the
-    systems lacks the quantity.
+    """A quantity to be compared. take: function that returns the quantity's values in a match (a recording that both
+    systems measured), or None if one of the systems lacks the quantity.
     """
 
     kind: str
@@ -139,8 +139,8 @@ def quantities(matches: Sequence[Match]) -> list[Quantity]:
 
 
 def agreement_rows(matches: Sequence[Match], subjects: Sequence[str]) -> list[Agreement]:
-    """Return the rows of agreement, each over all recordings. subjects: the name of the person in each match; matches
-    with the same name count as matches of one person.
+    """Return the rows of the table of agreement, each computed over all recordings. subjects: the name of the person in
+    each match; matches with the same name count as matches of one person.
     """
     rows = list[Agreement]()
     for quantity in quantities(matches):

@@ -167,9 +167,10 @@ def _median_distance(position_m: np.ndarray, a: int, b: int) -> float:
 
 
 def _misfits(joints: JointTable, ours: AngleTable, reference: Reference) -> dict[Sides, float]:
-    """Return the misfit for each combination of exchanged sides and mirrored axis. The misfit is the median distance in
-    metres between both systems' joints after the best rigid motion. If the reference has no joints, the misfit is the
-    share of the movement that the best clock leaves unexplained. Combinations without a common movement are left out.
+    """Return the misfit between both systems for each combination of two possible faults of the reference: left and
+    right may be exchanged, and an axis may be mirrored. The misfit is the median distance in metres between both
+    systems' joints after the best rigid motion. If the reference has no joints, the misfit is the share of the movement
+    that the best clock leaves unexplained. Combinations without a common movement are left out.
     """
     found = dict[Sides, float]()
     for is_exchanged, other in ((False, reference), (True, exchanged(reference))):

@@ -133,8 +133,9 @@ def _weights(ours_m: np.ndarray, sigma_m: np.ndarray, theirs_m: np.ndarray) -> n
 
 
 def _frame(ours_m: np.ndarray, theirs_m: np.ndarray, axes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return T_world_reference. The rotation comes from a fit with a weak prior that offsets are zero, the position
-    from a fit with a strong prior; see ``SHIFT_PRIOR_FRAMES``.
+    """Return T_world_reference. Two fits are combined: the frame's rotation comes from a fit whose prior holds the
+    offsets of the joints weakly near zero, its position from a fit with a strong prior. ``SHIFT_PRIOR_FRAMES`` gives
+    the reason.
     """
     turned, placed = (
         _fit(ours_m, theirs_m, axes, weight, prior)[0] for prior in (TURN_PRIOR_FRAMES, SHIFT_PRIOR_FRAMES)
@@ -159,7 +160,8 @@ def _fit(
     given: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return T_world_reference and offsets (21, 3), NaN for joints without data, fitted together by Gauss-Newton steps.
-    prior_frames: weight of the prior that offsets are zero, in frames; given: T_world_reference, if known.
+    prior_frames: weight of the prior that a joint's offset is zero, as the number of frames with this joint that would
+    weigh as much; given: T_world_reference, if known.
     """
     known = (joint_weight > 0) & np.isfinite(axes).all(axis=(2, 3))
     every = max(1, len(known) // MOST_FRAMES)
@@ -247,7 +249,9 @@ def _columns(axes: Axes) -> np.ndarray:
 
 
 def _shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the smallest rotations (n, 3, 3) that turn unit vectors start to end (n, 3); NaN if these are opposite."""
+    """Return the smallest rotations (n, 3, 3) that turn unit vectors ``start`` into unit vectors ``end`` (n, 3 each);
+    NaN if the two are opposite.
+    """
     axis, cosine = np.cross(start, end), (start * end).sum(axis=1)
     zero = np.zeros(len(axis))
     x, y, z = axis.T

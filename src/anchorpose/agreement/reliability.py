@@ -74,8 +74,9 @@ class MeanSquares:
 def mean_squares(values: np.ndarray) -> MeanSquares:
     """Return the mean squares of values (subjects, repeats), all finite.
 
-    Every subject has every repeat, so the simple sums of Shrout and Fleiss suffice. A fit by the package statsmodels
-    would solve for one unknown per subject, which takes gigabytes of memory for some thousand subjects.
+    Every subject has a value in every repeat, so the mean squares are simple sums (Shrout and Fleiss). A fit by the
+    package statsmodels would solve for one unknown per subject, which takes gigabytes of memory for some thousand
+    subjects.
     """
     subjects, repeats = values.shape
     centred = values - values.mean()  # without this step, squares of values with a large mean would lose digits
@@ -189,12 +190,12 @@ def session_reliability(path: Path) -> tuple[Reliability, ...]:
 
 
 def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str]) -> str | None:
-    """Return the beginning of a sentence on a session (or a session of one subject) that seems to have another unit:
-    its values differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more. Return None without
-    such values. grid (subjects, repeats): the values.
+    """Return a text, the beginning of a sentence, that names a session whose values seem to be in another unit: they
+    differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more, either over all subjects or for
+    one subject. Return None if no session has such values. grid (subjects, repeats): the values.
 
-    A single value may be near zero by nature. So small values are reported only if the median over all subjects of a
-    session is small; large values are reported also for a single subject.
+    A single value may be near zero without an error. So small values are reported only if the median over all subjects
+    of a session is small; large values are reported also for a single subject.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]
@@ -269,9 +270,9 @@ def _of_folders(path: Path, rows: list[dict[str, str]], repeated: str) -> Values
 
 
 def _require_different(folder: Path, run: Mapping[str, Any], subject: str | None, used: dict[str, Path]) -> None:
-    """Raise InputError if the folder is in ``used``, or if its recording is in ``used`` for the same subject; else add
-    both to ``used``. subject: None for raters and devices, who may analyse the same recording, each with its own
-    folder.
+    """Raise InputError if an earlier row of the table names the same results folder, or results of the same recording
+    for the same subject. used: the folders and recordings of earlier rows, to which folder and recording of this row
+    are added. subject: None for raters and devices, who may analyse the same recording, each with its own folder.
     """
     keys, digest = {str(folder.resolve()): "is given twice"}, recording_digest(run.get("inputs_sha256", {}).items())
     if digest is not None and subject is not None:

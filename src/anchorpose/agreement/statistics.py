@@ -43,15 +43,16 @@ class Limits:
     upper: Estimate
     # standard deviation of differences within a unit; None if no unit has two differences
     within_sd: float | None
-    # standard deviation of the units' means, without sampling error; None for a single unit
+    # standard deviation of the units' true means (the scatter that sampling error causes is subtracted); None for a
+    # single unit
     between_sd: float | None
     sd: float  # standard deviation of a single difference
 
 
 def limits_of_agreement(difference: np.ndarray, unit: np.ndarray, independent: int | None = None) -> Limits:
-    """Compute the limits of agreement. difference (n,): finite; unit (n,): number or name of each difference's unit.
-    independent: number of independent differences, from which the degrees of freedom of the variance within a unit are
-    counted; by default all n.
+    """Compute the limits of agreement. difference (n,): finite; unit (n,): the number or name of the unit (subject, or
+    stretch of a recording) to which each difference belongs. independent: how many of the differences are independent,
+    by default all n; the degrees of freedom of the variance within a unit are this number minus the number of units.
 
     Raises ValueError for fewer than two differences.
     """
@@ -149,8 +150,8 @@ def waveform_correlation(values: np.ndarray, reference: np.ndarray) -> float | N
 
     The CMC is 1 where both curves coincide; offsets and gains between the curves lower it. It is None for fewer than
     ``LEAST_SAMPLES`` samples. It is also None if the two curves differ from each other by more than they vary over
-    time, since the CMC would be the root of a negative number. Source: Ferrari et al. 2010
-    (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
+    time, since the CMC would be the root of a negative number, and if both curves are the same constant. Source:
+    Ferrari et al. 2010 (doi:10.1016/j.gaitpost.2009.09.009), for one cycle and two protocols.
     """
     if len(values) < LEAST_SAMPLES:
         return None
@@ -166,12 +167,13 @@ def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
 
 
 def calibration_error(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Return the expected calibration error: the mean absolute difference between observed and nominal shares of errors
-    that lie in central intervals.
+    """Return the expected calibration error of stated sigmas. For each share in ``LEVELS``, the interval around 0 that
+    should hold this share of the errors is computed from sigma; the result is the mean absolute difference between this
+    share and the observed share.
 
-    error, sigma (n,). The calibration error is 0 where sigma is right at all of ``LEVELS``, and 0.5 where sigma is
-    always far too small or far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and
-    central intervals.
+    error, sigma (n,). The calibration error is 0 if the observed shares equal ``LEVELS``, and 0.5 if every sigma is far
+    too small or far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central
+    intervals.
     """
     within = np.abs(error / sigma)[None] <= stats.norm.ppf(0.5 + LEVELS / 2.0)[:, None]
     return float(np.abs(within.mean(axis=1) - LEVELS).mean())

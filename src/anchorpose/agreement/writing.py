@@ -70,7 +70,9 @@ def page_text(comparison: Comparison, alignments: Sequence[Sequence[str]], metho
 
 
 def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """Return rows (title, cells of ``DISTANCE_HEAD``) for each joint and for all joints."""
+    """Return the rows of the table of distances, each a title and the cells below ``DISTANCE_HEAD``. Each joint, and
+    all joints together, have a row per state in ``SHOWN_STATES``, as measured and with the offset removed.
+    """
     return [
         (_title(row), [f"{row.mean_abs:.1f}", f"{row.rmse:.1f}", f"{row.largest:.0f}", str(row.samples)])
         for row in comparison.rows
@@ -79,7 +81,9 @@ def distance_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
 
 
 def angle_rows(comparison: Comparison) -> list[tuple[str, list[str]]]:
-    """Return rows (title, cells of ``DIFFERENCE_HEAD``) for each angle."""
+    """Return the rows of the table of angle differences, each a title and the cells below ``DIFFERENCE_HEAD``. Each
+    angle has a row per state in ``SHOWN_STATES``, as measured and with the offset removed.
+    """
     return [_difference_cells(row) for row in comparison.rows if row.kind != "joint" and row.state in SHOWN_STATES]
 
 
@@ -264,8 +268,8 @@ SOURCES: Final = (
 
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
-    """Write all files of a comparison into a new folder, or over the files of an earlier comparison; raises the errors
-    of ``check_results_path``.
+    """Write all files of a comparison into a new folder or, with ``overwrite``, over the files of an earlier
+    comparison; raises an error if the folder may not be written (see ``check_results_path``).
     """
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)

@@ -1,8 +1,8 @@
 """Track frame by frame: accept depth images as they arrive, and return the joints in each frame.
 
-As in ``anchorpose live``, tracking starts after the first seconds. From their images, the program determines clocks and
-camera poses, the room, the patient and the patient's body. Until tracking starts, all images are kept in a temporary
-folder.
+As in ``anchorpose live``, tracking starts after the first part of the session (``START_S`` seconds by default). From
+the images of this part, the program determines clocks and camera poses, the room, the patient and the patient's body.
+Until tracking starts, all images are kept in a temporary folder.
 """
 
 from __future__ import annotations
@@ -155,9 +155,9 @@ class Tracker:
 
         depth_m: for each camera name, a depth image (height, width), metres along the optical axis; 0, NaN and infinite
         mean that the pixel has no reading. A camera that is left out has no image in this frame. time_s: time of the
-        frame, later than the time of the previous frame. The step that ends the first seconds also learns the body, so
-        it takes much longer than other steps. Raises AnchorposeError if an argument does not fit the cameras or the
-        previous frames, or if the tracker is closed.
+        frame, later than the time of the previous frame. The call that completes the first part of the session
+        (``start_s`` seconds) also learns the patient's body, so it takes much longer than other calls. Raises
+        AnchorposeError if an argument does not fit the cameras or the previous frames, or if the tracker is closed.
         """
         if self._closed:
             raise AnchorposeError("This Tracker is closed; make a new Tracker.")
@@ -176,7 +176,9 @@ class Tracker:
         return self._answer(estimate)
 
     def _begin(self) -> None:
-        """Start collecting the frames of the first seconds; the next frame is the earliest of them."""
+        """Start collecting the frames from which the body is learnt, over ``start_s`` seconds. The next frame that
+        ``step`` receives is the first of these frames.
+        """
         self._began_s = np.nan
         with ExitStack() as stack:
             self._folder = Path(mkdtemp(prefix="anchorpose-"))
@@ -185,8 +187,9 @@ class Tracker:
             self._stack = stack.pop_all()
 
     def _look(self, greys: Sequence[np.ndarray | None], time_s: float) -> Estimate | None:
-        """Store a frame of the first seconds, and return None. At the end of the first seconds, learn from their frames
-        and return the newest estimate, or None if the patient is not found.
+        """Store a frame for learning, and return None as long as the stored frames cover less than ``start_s`` seconds.
+        Then learn the body from the stored frames and return the newest estimate; if the patient is not found in them,
+        return None and start collecting again.
         """
         self._began_s = time_s if np.isnan(self._began_s) else self._began_s
         for writer, grey in zip(self._writers, greys, strict=True):
@@ -204,8 +207,8 @@ class Tracker:
                 self._begin()
 
     def _learn(self) -> Estimate | None:
-        """Learn from the first seconds; return the newest estimate, or None if no patient is found (``why`` gives the
-        reason).
+        """Learn the room, the patient and the body from the stored frames; return the newest estimate, or None if no
+        patient is found (``why`` gives the reason).
         """
         seen = [writer.folder.name for writer in self._writers if writer.written]
         if not seen:

@@ -12,8 +12,8 @@ Progress = Callable[[int, int | None], None]
 
 
 class Watcher:
-    """A receiver of progress and notes that ignores both. The command line has a subclass that draws progress bars and
-    prints notes.
+    """A receiver of progress reports and notes during tracking or conversion; this base class ignores both. The command
+    line has a subclass that draws progress bars and prints notes.
 
     how_to_resume: advice for the message of a stopped run. If it is None, the message advises the user to repeat the
     command with --resume.
@@ -38,7 +38,8 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
     """Return the recording folder for a path; a recorder's file or folder is first converted into a recording beside
     it.
 
-    Raises InputError if the conversion is refused. A path that no reader knows is returned unchanged.
+    Raises InputError if the conversion is refused. A path that is not in the format of any known recorder is returned
+    unchanged.
     """
     from anchorpose.sources.convert import look_at, make_recording
 
@@ -54,7 +55,7 @@ def as_recording(path: Path, watcher: Watcher) -> Path:
 
 @contextmanager
 def noting_how_to_go_on(out: Path) -> Iterator[None]:
-    """Add a note on how to resume to the KeyboardInterrupt or OSError by which a conversion into ``out`` is stopped."""
+    """Add a note on how to resume to a KeyboardInterrupt or OSError that stops a conversion into the folder ``out``."""
     from anchorpose.results.folder import naming_place
 
     try:

@@ -94,8 +94,8 @@ def main(tokens: Sequence[str] | None = None) -> int:
 
 
 def exit_code_of(work: Callable[[], object]) -> int:
-    """Do the work and return the exit code of the process. An error that ends the work is printed as one sentence on
-    the error stream.
+    """Call ``work``, which runs a command, and return the exit code of the process. An error that ends the work is
+    printed as one sentence on the error stream.
     """
     for number in STOPPING:
         signal.signal(number, _stop)

@@ -74,7 +74,8 @@ def plain_console(error: bool = False) -> Console:
 
 @contextmanager
 def progress_bar(description: str, at_once: bool = True) -> Iterator[Progress]:
-    """Draw a progress bar on the error stream; the yielded function takes (done, total), total None if unknown.
+    """Draw a progress bar on the error stream, and yield the function that moves the bar. This function takes (done,
+    total); total is None if it is unknown.
 
     at_once: if True, the bar appears at once, since the first call of the yielded function may come late. If False, the
     bar appears with the first call, so that work that is refused at its beginning shows no bar.

@@ -21,7 +21,7 @@ DEMO_FPS = 15.0
 def demo(
     out: Path = Path("anchorpose-demo"), /, *, quick: bool = False, tables: bool = False, no_open: bool = False
 ) -> None:
-    """Show how it works: simulate a patient in a standing frame, track the patient, and compare with the true joints.
+    """Show how the program works: simulate and track a patient in a standing frame, and compare with the true joints.
 
     The demo takes one to two minutes, longer the first time, and needs no recording.
 

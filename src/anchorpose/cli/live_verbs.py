@@ -75,7 +75,7 @@ def live(
     browser: PageOptions | None = None,
     options: LiveGiven | None = None,
 ) -> int:
-    """Find the patient's joints while the patient stands there, and send them to other programs.
+    """Find the patient's joints while the cameras record, and send them to other programs.
 
     Ctrl+C ends the session with a complete results folder, like that of 'anchorpose track'. If the program is killed or
     the disk is full, '--finish' makes such a folder from the tracked frames.
@@ -223,7 +223,7 @@ def make_outputs(lsl: bool, osc: str | None) -> list[Output]:
 
 
 def _also_on(page: PageOutput) -> Callable[[str], None]:
-    """Return a function that prints the sentence that it is given, and also shows the sentence on the page."""
+    """Return a function that prints a sentence in the terminal, and also shows it on the page."""
 
     def tell(sentence: str) -> None:
         say(sentence)

@@ -233,7 +233,7 @@ def build(
     """Make a file of reference movements from earlier results and from skeletons of other trackers.
 
     Use it with 'anchorpose track --motions FILE'; it then replaces the movements that come with the program. To extend
-    a file, name it among the sources of the next. The patient's own earlier sessions help most.
+    such a file, name it among the sources of a new file. The patient's own earlier sessions help most.
 
     Parameters
     ----------

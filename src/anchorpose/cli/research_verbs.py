@@ -26,7 +26,7 @@ def experiment(
     config: Path | None = None,
     processes: Annotated[int | None, whole(1, MOST_PROCESSES)] = None,
 ) -> None:
-    """Repeat the paper's comparison: every method in one tracking framework, with tables, figures and a page.
+    """Repeat the paper's comparison of methods in the paper's tracking framework; write tables, figures and a page.
 
     This takes about 21 hours of one processor core; an estimate for your machine is printed at the start. You may stop
     it at any time: the same command continues. --quick shows in five minutes that everything works.
@@ -202,7 +202,7 @@ def _real(answers: Path, real: Path, labels: Path | None) -> dict[str, Any]:
 
 
 def _print_figures(title: str, rows: dict[str, dict[str, Any]]) -> None:
-    """Print a table with a column per recording or task and a row per figure; shares are in per cent."""
+    """Print a table of numbers, with a column per recording or task and a row per quantity; shares are in per cent."""
     from rich.table import Column
 
     lines = list[list[str]]()

@@ -68,9 +68,9 @@ def measure(
     """Measure a session again: joint angles, time upright, standing up, extension, sway, symmetry and assistance.
 
     The command reads joints.parquet and contacts.parquet and replaces angles, axes, posture, episodes and measures.
-    These are always computed from the joints as tracked, so that sessions can be compared. With --smooth or --fill, it
-    also writes angles_processed.parquet, with every row marked as measured, smoothed or filled; without these options,
-    an older file of this name is removed.
+    These files are always computed from the joints as tracked, without smoothing or filling, so that sessions can be
+    compared. With --smooth or --fill, the command also writes angles_processed.parquet, with every row marked as
+    measured, smoothed or filled; without these options, an older file of this name is removed.
 
     Parameters
     ----------

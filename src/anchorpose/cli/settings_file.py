@@ -41,8 +41,8 @@ replaced.
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SettingsFile:
-    """The option ``--config`` of commands without settings of tracking. Such a command uses only the table with its own
-    name in the file. ``fill_from_file`` reads the file before the command begins.
+    """The option ``--config`` of commands that use no settings of tracking. Such a command uses only the table with its
+    own name in the file. ``fill_from_file`` reads the file before the command begins.
     """
 
     config: Path | None = None
@@ -52,7 +52,8 @@ class SettingsFile:
 def tracking_settings(path: Path | None) -> TrackConfig:
     """Return the settings of tracking in a settings file, or the defaults if ``path`` is None.
 
-    Raises InputError if the file cannot be used (``load_config``); the tables of commands are ignored.
+    Raises InputError if the file cannot be read, or if it has an unknown name or a setting of tracking with an
+    unsuitable value. The tables of commands are ignored.
     """
     from anchorpose.recording.document import read_config, validate
     from anchorpose.tracker.config import TrackConfig
@@ -69,7 +70,8 @@ def tracking_settings(path: Path | None) -> TrackConfig:
 def fill_from_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Take the value of each option that the command line leaves out from the settings file (called by cyclopts).
 
-    Raises InputError for an unknown option, and if any setting of tracking in the file is refused.
+    Raises InputError if the command's table in the file has an unknown option, or if ``tracking_settings`` refuses any
+    setting of tracking in the file.
     """
     verb = " ".join(commands)
     given = next((each for each in arguments if "--config" in each.names and each.tokens), None)

@@ -1,4 +1,4 @@
-"""Define the command simulate, which makes a recording with a known truth."""
+"""Define the command simulate, which makes a recording whose true joints are known."""
 
 from __future__ import annotations
 
@@ -215,7 +215,8 @@ class SimulateOptions:
     def _captured(self, settings: SimulationConfig) -> SimulationConfig:
         """Return the configuration, with a captured movement if the preset needs one.
 
-        Raises AnchorposeError if the file of movements is missing, or given for another preset.
+        Raises AnchorposeError if the file of movements is missing, or if it is given for a preset without captured
+        movements.
         """
         from anchorpose.simulate.config import rehabilitation
 

@@ -53,8 +53,9 @@ class Node:
     """A node of the hierarchy (a bone) over all frames.
 
     parent: index of the parent in the list of nodes, -1 for the root. offset_m (3,): position relative to the parent
-    node, in the parent's axes; end_m (3,): the point to which the node points, in the node's axes. axes (n, 3, 3):
-    rotation from the rest pose of the body model to the world in each frame, NaN where unknown.
+    node, in the parent's axes; end_m (3,): the far end of the bone, in the node's axes, used if the file has no node
+    below this node. axes (n, 3, 3): rotation from the rest pose of the body model to the world in each frame, NaN where
+    unknown.
     """
 
     name: str
@@ -90,7 +91,9 @@ def _along(position_m: np.ndarray, start: str, end: str) -> np.ndarray:
 
 
 def _swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the shortest rotations (n, 3, 3) of unit vectors ``start`` to ``end``; NaN if they are opposite or NaN."""
+    """Return the shortest rotations (n, 3, 3) that turn unit vectors ``start`` into unit vectors ``end`` (n, 3 each);
+    NaN if they are opposite or NaN.
+    """
     cross = np.cross(start, end)
     angle = np.arctan2(np.linalg.norm(cross, axis=1), np.sum(start * end, axis=1))
     axis = np.where((angle == 0.0)[:, None], 0.0, unit(cross))
@@ -116,10 +119,10 @@ def skeleton_of_poses(
     """Build one node per moving bone of the body model from poses.parquet; return the nodes, and the positions (g, 3)
     of the root in metres at the g times of the regular grid.
 
-    Nodes have the names that their bones have in the motion capture collection of Carnegie Mellon University (CMU).
-    Offsets are medians over the recorded frames. At a grid time between two recorded frames, a rotation is the
-    normalised, weighted mean of the quaternions in these frames. Raises InputError if the frames in poses.parquet
-    differ from ``frame`` (n,), the frames of the joints.
+    Nodes have the names that their bones have in the motion capture collection of Carnegie Mellon University (CMU). The
+    offset of a node from its parent is the median over the recorded frames. At a grid time between two recorded frames,
+    a rotation is the normalised, weighted mean of the quaternions in these frames. Raises InputError if the frames in
+    poses.parquet differ from ``frame`` (n,), the frames of the joints.
     """
     poses = read_poses(path)
     if not np.array_equal(poses.frame, frame):

@@ -205,9 +205,9 @@ def _of_contacts(path: Path) -> Iterator[Event]:
 def add_events(file: Any, events: tuple[Event, ...], time_s: np.ndarray) -> int:
     """Add the C3D group EVENT to an ezc3d file whose frames are at time_s (n,); return the number of events added.
 
-    An event after the last frame gets the time of this frame: the last sample may be up to a frame interval later if
-    the samples were resampled. Of more than ``MOST_EVENTS`` events, events with the context ``GENERAL`` (contacts
-    and posture) are left out first.
+    An event may lie up to one frame interval after the last frame of the file, for example if the samples were
+    resampled to a fixed rate. Such an event gets the time of the last frame. If the events are more than
+    ``MOST_EVENTS``, events with the context ``GENERAL`` (contacts and posture) are left out first.
     """
     kept = sorted(sorted(events, key=lambda event: event.context == GENERAL)[:MOST_EVENTS])
     if not kept:

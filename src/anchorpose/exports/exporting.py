@@ -1,5 +1,5 @@
-"""Export a results folder: write each format into a separate folder. After an error, no format is written. This module
-also writes the format CSV.
+"""Export a results folder: write each format into a separate folder. If one format cannot be written, no format is
+written. This module also writes the format CSV.
 
 The CSV export has every table of the results, wide tables of joints and angles, a long table of the measures of all
 trials, and a dictionary of all columns.
@@ -213,7 +213,8 @@ _WRITERS: Final[dict[Format, Callable[[Path, Source, ExportConfig], Product]]] =
 def export_results(
     results: Path, formats: Sequence[Format], config: ExportConfig, out: Path | None = None, overwrite: bool = False
 ) -> tuple[tuple[Path, Product], ...]:
-    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with its product.
+    """Write ``out``/trc, ``out``/csv and so on, each with its export.json; return each folder with the report on its
+    files.
 
     out: by default the folder ``exports`` in the results. Folders of earlier exports are replaced only with
     ``overwrite``; other folders and files are never touched. If InputError or MissingPackage is raised, no file was

@@ -23,7 +23,7 @@ STATE_CODES: Final = ", ".join(f"{code} {state}" for code, state in enumerate(ST
 
 
 class Format(StrEnum):
-    """The formats of ``anchorpose export``, by the names of ``--to``."""
+    """The formats of ``anchorpose export``, with the names that its option ``--to`` accepts."""
 
     TRC = "trc"
     MOT = "mot"

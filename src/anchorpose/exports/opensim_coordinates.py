@@ -44,8 +44,9 @@ def joint(position_m: np.ndarray, name: str) -> np.ndarray:
 
 
 def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
-    """Return the pelvis's axes (n, 3, 3), columns X, Y, Z in the world: Z from left to right hip, Y towards SpineMid,
-    corrected for the lean of the lower spine; NaN where a joint is missing.
+    """Return the pelvis's axes (n, 3, 3), columns X, Y, Z in the world: Z points from the left to the right hip; Y
+    points as nearly as possible from the midpoint between the hips towards SpineMid, then is tilted about Z by
+    ``LOWER_SPINE_LEAN_DEG``, since this line leans back in a person who stands upright. NaN where a joint is missing.
     """
     right = joint(position_m, "HipRight") - joint(position_m, "HipLeft")
     middle = 0.5 * (joint(position_m, "HipRight") + joint(position_m, "HipLeft"))
@@ -56,8 +57,9 @@ def pelvis_axes(position_m: np.ndarray) -> np.ndarray:
 
 
 def torso_axes(position_m: np.ndarray) -> np.ndarray:
-    """Return the trunk's axes (n, 3, 3), columns X, Y, Z in the world: Y along the upper spine, corrected for its lean,
-    Z as near as possible to the line of the shoulders; NaN where a joint is missing.
+    """Return the trunk's axes (n, 3, 3), columns X, Y, Z in the world: Z is as near as possible to the line of the
+    shoulders; Y points from SpineMid to SpineShoulder, then is tilted about Z by ``UPPER_SPINE_LEAN_DEG``, since this
+    line leans forward in a person who stands upright. NaN where a joint is missing.
     """
     right = joint(position_m, "ShoulderRight") - joint(position_m, "ShoulderLeft")
     y = unit(joint(position_m, "SpineShoulder") - joint(position_m, "SpineMid"))
@@ -71,7 +73,9 @@ def in_axes(axes: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def known_median(values: np.ndarray) -> np.ndarray:
-    """Return the median (k,) over the rows without NaN of values (n, k); NaN if every row has a NaN."""
+    """Return the median (k,) of each column of ``values`` (n, k), over the rows without NaN; NaN if every row has a
+    NaN.
+    """
     known = values[np.isfinite(values).all(axis=1)]
     return np.median(known, axis=0) if len(known) else np.full(values.shape[1], np.nan)
 

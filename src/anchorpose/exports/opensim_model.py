@@ -39,7 +39,7 @@ _LIMBS: Final = {
 
 
 def measure_body(position_m: np.ndarray) -> Places | None:
-    """Return each joint's position in the OpenSim body that carries the joint, as the median over the frames of
+    """Return each joint's position in the OpenSim body that carries the joint, from medians over the frames of
     position_m (n, 21, 3); None if the two ends of a bone are never known in the same frame.
     """
     axes = {"pelvis": pelvis_axes(position_m), "torso": torso_axes(position_m)}
@@ -82,7 +82,9 @@ MASS_SHARE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class OsimCoordinate:
-    """A coordinate of a joint: its axis in the parent body, its default value, and its range in radians or metres."""
+    """A coordinate (degree of freedom) of an OpenSim joint, such as knee flexion: its axis in the parent body, its
+    default value, and its range in radians or metres.
+    """
 
     name: str
     axis: Axis
@@ -93,8 +95,8 @@ class OsimCoordinate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OsimBody:
-    """A body, the joint that connects it to its parent, and the positions of the markers on it, each (3,) metres in the
-    body's axes.
+    """An OpenSim body (segment), the joint that connects it to its parent body, and the positions of the markers on it,
+    each (3,) metres in the body's axes.
     """
 
     name: str
@@ -113,7 +115,7 @@ def segments(body: Places, model: CoordinateModel) -> tuple[OsimBody, ...]:
 
 
 def _some(body: Places, *names: str) -> Places:
-    """Return the markers at the joints with these names."""
+    """Return the positions of the markers at the joints ``names``, by joint."""
     return {name: body[name] for name in names}
 
 

@@ -75,10 +75,11 @@ SCALED_MODEL: Final = "scaled.osim"
 # markers there fit less well.
 _MARKER_WEIGHT: Final = {"Shoulder": 0.3, "Hand": 0.1, "Foot": 0.5, "Head": 0.5}
 
-# Coordinates that are held near zero, since markers do not determine the rotation of a straight limb about its long
-# axis.
+# Coordinates that inverse kinematics holds near zero, since markers do not determine the rotation of a straight limb
+# about its long axis.
 _FREE: Final = ("hip_rotation", "arm_rot")
-# Weight of these coordinates, so small that it does not shift coordinates that markers determine
+# Weight with which the coordinates in ``_FREE`` are held near zero, so small that it does not shift coordinates that
+# markers determine
 _FREE_WEIGHT: Final = 1e-4
 
 # For each measurement, by name: the two markers whose distance is measured, the body to scale, and the axes along which
@@ -138,8 +139,8 @@ def scale_setup_xml(time_s: np.ndarray) -> str:
     distances between markers in at most the first second. time_s (n,): times of successive frames in which all markers
     are known.
 
-    The model beside the file has the patient's lengths already, so the scale factors are near one. To scale another
-    model, name it in ``model_file``.
+    The file names model.osim, which has the patient's bone lengths already, so the scale factors are near one. To scale
+    another model, change the name in the file's element ``model_file``.
     """
     files = xml_texts(
         marker_file=TRC_FILE,

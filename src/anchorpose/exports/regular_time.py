@@ -1,7 +1,8 @@
 """Bring samples to a fixed frame rate, and find stretches of frames without a gap, for formats that need a fixed rate
 or no gaps.
 
-A measured sample stays unchanged if its time is close enough to a time of the fixed rate (``NEAR_SHARE``).
+At a fixed rate, frames have evenly spaced times (the grid). A measured sample stays unchanged if its time is close
+enough to a time of the grid (``NEAR_SHARE``).
 """
 
 from __future__ import annotations
@@ -123,8 +124,8 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
     frame.
     """
     steps_s = np.diff(time_s)
-    # an even number: where a short and a long step alternate, the median around a step then equals this step, so no
-    # frame counts as missing
+    # number of steps on either side of a step, over which the median is taken. It is even: where short and long steps
+    # alternate, the median around a step then equals this step, so no frame counts as missing
     per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)
     usual_s = median_filter(steps_s, 2 * per_side + 1, mode="mirror")
     return np.asarray((steps_s <= LONGEST_STEP * usual_s) & (steps_s <= longest_known_gap_s(time_s)))
@@ -132,8 +133,8 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
 
 def _grid(time_s: np.ndarray) -> tuple[float, np.ndarray, bool]:
     """Return the frame rate (Hz) with the fewest decimals for which all samples lie on a grid, each sample's index on
-    this grid, and True. If no rate has such a grid, return a rounded rate, indices counted by the usual step, and
-    False.
+    this grid, and True. If the samples lie on no such grid, return a rounded rate, indices counted in steps of the
+    usual interval between frames, and False.
     """
     if len(time_s) < 2:
         raise AnchorposeError("One frame has no frame rate; export it with --to csv.")
@@ -160,8 +161,8 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times and the interpolation. At the indices ``slot``, grid times are equal to the samples' times; all
-    other grid times are gaps.
+    """Return grid times and the interpolation for samples that lie on the grid. At the indices ``slot``, grid times are
+    equal to the samples' times; all other grid times are gaps.
     """
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz
@@ -230,8 +231,9 @@ class Stretches:
 
 
 def stretches_of(known: np.ndarray, joined: np.ndarray | None = None) -> Stretches:
-    """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined:
-    as in ``runs_where``. ``runs`` is empty if no two neighbouring frames have all columns to write.
+    """Find the stretches of frames to write. known (n, c) bool: whether each column has a value in each frame; joined
+    (n - 1,) bool: whether a frame and the next frame are neighbours in time; None if all are. ``runs`` is empty if no
+    two neighbouring frames have all columns to write.
     """
     frames = int(known.any(axis=1).sum())  # neither pauses nor frames in which the patient is lost count
     kept = known.sum(axis=0) >= KEPT_SHARE * max(frames, 1)

@@ -89,9 +89,9 @@ def draw_people(one: InspectedCamera) -> np.ndarray:
 
 
 def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray | None]:
-    """Return a function that draws a camera's picture by ``draw``, a function that draws nodes of the patient's
-    surface. ``draw`` gets the mask ``own`` of the nodes that the camera saw; if the camera saw no node, the picture is
-    None.
+    """Turn ``draw``, which draws the nodes of the patient's surface that ``own`` selects, into a function that draws
+    one camera's picture: ``own`` is then the mask of the nodes that this camera saw. The picture is None if the camera
+    saw no node.
     """
 
     @wraps(draw)
@@ -107,8 +107,9 @@ def _of_surface(draw: SurfaceDrawing) -> Callable[[InspectedCamera], np.ndarray 
 
 @_of_surface
 def draw_mesh(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw the shaded surface, its links across gaps and to other cameras' surfaces, inferred hidden skin, and the
-    surface's rim where the patient's own body, an object or the image's edge cuts it off.
+    """Draw the patient's surface, shaded, in another colour where it is linked with another camera's surface; its links
+    across gaps; inferred hidden skin; and its rim where the patient's own body, an object or the image's edge cuts it
+    off.
     """
     picture, to_pixel = _canvas(one)
     surface, pairs = seen.surface, links(seen.surface)[0]
@@ -145,8 +146,9 @@ def draw_geodesics(one: InspectedCamera, seen: Observation, own: np.ndarray) -> 
 
 @_of_surface
 def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray:
-    """Draw all extrema of the surface, write the names of extrema that were identified as head, hands or feet (the
-    anchors), and list the anchors that were missed.
+    """Draw all extrema of the surface: the points farther along the skin from the body's centre than all points around
+    them. Extrema that were identified as anchors (head, hands, feet) get their names, and anchors that were missed are
+    listed.
     """
     picture, to_pixel = _canvas(one)
     extrema = geodesic_extrema(
@@ -166,8 +168,9 @@ def draw_anchors(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np
 
 @_of_surface
 def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw, for each node, how many hypotheses matched the node with a node of the next frame's surface. A node has one
-    hypothesis per subset of the anchors (head, hands, feet). The result is None without a next frame.
+    """Draw, for each node, how many of its hypotheses matched it with a node of the next frame's surface. A hypothesis
+    is the match that is found with one subset of the anchors (head, hands, feet); a node has one hypothesis per subset.
+    The result is None without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None
@@ -181,8 +184,9 @@ def draw_hypotheses(one: InspectedCamera, seen: Observation, own: np.ndarray) ->
 
 @_of_surface
 def draw_tree(one: InspectedCamera, seen: Observation, own: np.ndarray) -> np.ndarray | None:
-    """Draw, as arrows, the movement of places on the skin according to the best branch of the track tree, and crosses
-    at nodes without a match; None without a next frame.
+    """Draw, as arrows, how places on the skin move to the next frame according to the best branch of the track tree
+    (the tree of possible matches of nodes over the next frames). Nodes without a match get a cross. The result is None
+    without a next frame.
     """
     if (following := one.inspection.next) is None:
         return None

@@ -1,4 +1,5 @@
-"""Draw tracking results over a depth image (mesh, anchors, body outline, joints), and choose the report's pictures.
+"""Draw tracking results over a depth image (mesh, outline of the body, joints, and the anchors: head, hands and feet),
+and choose the report's pictures.
 
 The report shows some frames spread over the recording, the frames in which the joints are most and least certain, and
 the first transitions (standing up and sitting down).

@@ -134,7 +134,8 @@ def _draw_iso_lines(picture: np.ndarray, camera: Camera, pixel: np.ndarray, band
 def _blocks(
     picture: np.ndarray, camera: Camera, pixel: np.ndarray, values: np.ndarray, empty: np.ndarray
 ) -> np.ndarray:
-    """Return an image (height, width, ...) with each node's value in its block, and ``empty`` elsewhere.
+    """Return an image (height, width, ...) in which each node is a square block of pixels with the node's value; all
+    other pixels are ``empty``.
 
     A block is as wide as the nodes' spacing, the greatest common divisor of all their rows and columns.
     """

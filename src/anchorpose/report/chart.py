@@ -45,22 +45,22 @@ class Bins:
 
     @property
     def count(self) -> int:
-        """Return the number of groups."""
+        """Return the number of groups of frames."""
         return len(self.start)
 
     @property
     def last(self) -> np.ndarray:
-        """Return (b,) the index of each group's last frame."""
+        """Return (b,) the index of the last frame of each group of frames."""
         return np.append(self.start[1:], len(self.frame)) - 1
 
     @property
     def thinned(self) -> bool:
-        """Return whether any group holds more than one frame."""
+        """Return whether any group of frames, which is drawn as one point, holds more than one frame."""
         return self.count < len(self.frame)
 
     @property
     def place(self) -> np.ndarray:
-        """Return (b,) the middle of each group on the time axis, from 0 (first frame) to 1 (last frame)."""
+        """Return (b,) the middle of each group of frames on the time axis, from 0 (first frame) to 1 (last frame)."""
         middle = (self.time_s[self.start] + self.time_s[self.last]) / 2.0
         return self.place_of(middle)
 
@@ -74,7 +74,8 @@ class Bins:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """The lowest and highest known value of each group, (b,) each, NaN if no frame of the group has a value.
+    """The lowest and highest known value of each group of frames (see ``Bins``), (b,) each, NaN if no frame of the
+    group has a value.
 
     rising (b,) bool: whether the lowest value is earlier than the highest.
     """
@@ -100,7 +101,7 @@ def after_pause(time_s: np.ndarray) -> np.ndarray:
 
 
 def envelope(values: np.ndarray, bins: Bins) -> Envelope:
-    """Compute the envelope of values (n,), NaN where unknown."""
+    """Compute the lowest and highest of values (n,), NaN where unknown, in each group of frames."""
     low, high = np.fmin.reduceat(values, bins.start), np.fmax.reduceat(values, bins.start)
     group = np.repeat(np.arange(bins.count), np.diff(np.append(bins.start, len(values))))
     rows = np.arange(len(values))
@@ -240,9 +241,9 @@ Role = Literal["text", "low", "high", "sigma", "state"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The values of a curve or row that the slider shows. columns: the CSV columns that hold these values, by role:
-    ``text`` alone, or the lowest and the highest value of each group of frames (``low``, ``high``) and, for a curve,
-    also ``sigma`` and ``state``.
+    """The values that the page's slider shows for a curve or row at the chosen time. columns: the CSV columns that hold
+    these values, by role: ``text`` alone, or the lowest and the highest value of each group of frames (``low``,
+    ``high``) and, for a curve, also ``sigma`` and ``state``.
     """
 
     label: str
@@ -313,8 +314,8 @@ def _leading_columns(bins: Bins) -> list[Column]:
 
 
 def lowest_and_highest(name: str, values: np.ndarray, bins: Bins, decimals: int) -> dict[Role, Column]:
-    """Return two columns, the lowest and the highest value of each group. name: column name with a placeholder for
-    "lowest" or "highest".
+    """Return two columns of the CSV: the lowest and the highest of ``values`` in each group of frames. name: column
+    name with a placeholder for "lowest" or "highest".
     """
     line = envelope(values, bins)
     low = Column(name.format("lowest"), cells(line.low, decimals))

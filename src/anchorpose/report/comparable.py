@@ -74,8 +74,9 @@ class TimeGap(NamedTuple):
     """The difference in time between two sessions (or conditions) that matters to a measure.
 
     why: the reason why a change of the measure is not tested, since the recorded times, or the times with known
-    posture, differ or are unknown; None if it is tested. share: the largest difference of two spans as a share of the
-    longer span; a patient who stands all the time stands longer in a longer recording by this share.
+    posture, differ or are unknown; None if it is tested. share: the relative difference of the times, as a share of the
+    longer time (the largest, if several times matter). A measure that grows with time may differ by this share only
+    because a session lasted longer.
     """
 
     why: str | None
@@ -197,8 +198,9 @@ def _other_definition(first: Session, later: Session) -> str | None:
 
 
 def _units(session: Session) -> dict[str, str]:
-    """Return the unit of each measure that is not about a single body part or person. Every session has these measures;
-    all other measures exist only in sessions in which the part was touched or the person touched the patient.
+    """Return the unit of each measure that is not about a single body part or person. Every session has these measures.
+    Measures about a body part or person exist only in sessions in which this part was touched, or this person touched
+    the patient.
     """
     return {m.measure: m.unit for m in session.measures if m.part is None and m.person is None}
 

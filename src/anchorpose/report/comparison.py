@@ -207,7 +207,8 @@ def _change(
     repeated: float | None,
 ) -> Markup:
     """Return the table cell of a change. firsts, laters: all measures of the first and of the later session; their time
-    spans decide whether the change is tested; repeated: as in ``change_between``.
+    spans decide whether the change is tested; repeated: the measure's minimal detectable change from repeated sessions,
+    if known.
     """
     if first is None or later is None or first.value is None or later.value is None:
         return UNKNOWN.format("not comparable")

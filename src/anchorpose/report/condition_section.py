@@ -122,8 +122,8 @@ def condition_section(
 
 
 def _by_key(session: Session, chosen: Sequence[str]) -> dict[MeasureKey, list[Measure]]:
-    """Return, for each measure that the section shows, the measure in each trial. The measures are in the order in
-    which the section shows them; a measure without a value in any trial is left out.
+    """Return, for each measure that the section shows, its rows in the table of measures, one per trial. The measures
+    are in the order in which the section shows them; a measure that has a value in no trial is left out.
     """
     found: dict[MeasureKey, list[Measure]] = {}
     for name in chosen or COMPARED:

@@ -96,8 +96,8 @@ def state_rows(curves: Sequence[Curve], bins: Bins) -> list[Row]:
 
 
 def readings(curve: Curve, quantity: Quantity, bins: Bins, label: str, with_state: bool = True) -> Reading:
-    """Return the curve's values for the slider. with_state: whether to include sigma and state. The x, y and z curves
-    of a joint's path share sigma and state, so only one of the three includes them.
+    """Return the curve's values that the page's slider shows at the chosen time. with_state: whether to include sigma
+    and state. The x, y and z curves of a joint's path share sigma and state, so only one of the three includes them.
     """
     name = f"{curve.key}_{{}}_{quantity.unit_name}"
     columns = lowest_and_highest(name, curve.value, bins, quantity.decimals)
@@ -143,8 +143,8 @@ Points = list[tuple[int, int]]
 
 
 def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tuple[str, str]:
-    """Return two SVG paths: the line segments between neighbouring groups that are both ``seen`` (b,), and all other
-    segments. No line is drawn across a pause or a group without a value.
+    """Return two SVG paths: the line segments between neighbouring groups of frames that are both ``seen`` (b,), and
+    all other segments. No line is drawn across a pause or a group without a value.
     """
     finite, across = np.isfinite(curve.low), _across(bins.place)
     low, high = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (curve.low, curve.high))
@@ -158,7 +158,9 @@ def line_paths(curve: Envelope, seen: np.ndarray, bins: Bins, axis: Axis) -> tup
 
 
 def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
-    """Return the area between two curves (b,) as an SVG path: an outline per run of groups with values and no pause."""
+    """Return the area between two curves (b,) as an SVG path: an outline for each run of groups of frames in which all
+    groups have values, without a pause.
+    """
     across, finite = _across(bins.place), np.isfinite(low) & np.isfinite(high)
     top, bottom = (_whole(axis.down(np.where(finite, edge, axis.low))) for edge in (high, low))
     outlines = []
@@ -170,8 +172,8 @@ def band_path(low: np.ndarray, high: np.ndarray, bins: Bins, axis: Axis) -> str:
 
 
 def step_path(level: np.ndarray, bins: Bins) -> str:
-    """Return an SVG path with one column per group, as wide as the group; ``level`` (b,): the columns' heights as
-    shares of the full height; 0 draws nothing.
+    """Return an SVG path with one column per group of frames, as wide as the group; ``level`` (b,): the columns'
+    heights as shares of the full height; 0 draws nothing.
     """
     place, height = bins.place, np.array(_across(np.nan_to_num(level)))  # a group without a value draws nothing
     # Columns of neighbouring groups meet midway between the groups, except beside a pause
@@ -186,7 +188,9 @@ def step_path(level: np.ndarray, bins: Bins) -> str:
 
 
 def _across(share: np.ndarray) -> list[int]:
-    """Convert shares of the width or height to whole units."""
+    """Convert shares of a picture's width or height to whole units of the drawing (``UNITS`` for the full width or
+    height).
+    """
     return _whole(np.round(UNITS * share))
 
 
@@ -195,13 +199,16 @@ def _whole(values: np.ndarray) -> list[int]:
 
 
 def _runs(known: np.ndarray, bins: Bins) -> list[slice]:
-    """Return each run of neighbouring groups with ``known`` (b,) True and no pause between them."""
+    """Return each run of neighbouring groups of frames in which ``known`` (b,) is True for all groups, without a pause
+    between them.
+    """
     return runs_of(known, ~bins.after_pause[1:])
 
 
 def _same_kind(seen: np.ndarray, run: slice) -> list[tuple[slice, bool]]:
-    """Split a run of groups into pieces in which the line segments (from each group to the next) are all seen, or all
-    unseen; neighbouring pieces share a group. A line segment is seen if the groups at both its ends are seen.
+    """Split a run of groups of frames into pieces in which the line segments (from each group to the next) are all
+    seen, or all unseen; neighbouring pieces share a group. A line segment is seen if the groups at both its ends are
+    seen.
     """
     if run.stop - run.start == 1:
         return [(run, bool(seen[run.start]))]

@@ -55,7 +55,9 @@ _UNITS: Final = {
 
 
 def grouped_measures(measures: Sequence[Measure]) -> dict[str, list[Measure]]:
-    """Return the measures under each heading, both in the order of measures.csv; empty groups are left out."""
+    """Return the measures under each heading of measures.csv, in the order of this file. Measures about a part of the
+    body come last under their heading; headings without measures are left out.
+    """
     groups: dict[str, list[Measure]] = {heading: [] for heading in (*GROUPS, OTHERS)}
     order = {name: position for position, name in enumerate(_WORDS)}
     for measure in sorted(measures, key=lambda m: (m.part is not None, order.get(m.measure, len(order)))):
@@ -102,7 +104,7 @@ class MeasureSection(NamedTuple):
 
 
 def measure_section(session: Session) -> MeasureSection:
-    """Return all measures of a session."""
+    """Return the section with all measures of a session."""
     whole = [measure for measure in session.measures if not _is_detail(measure)]
     detail = [measure for measure in session.measures if _is_detail(measure)]
     return MeasureSection(
@@ -183,15 +185,17 @@ def value_and_error(measure: Measure) -> Markup:
 
 
 def form_within(like: Measure, value: float | None, low: float | None, high: float | None) -> Form:
-    """Return the form of a number with the unit of the measure ``like``. If the number has a 95 % interval, the form
-    has as many digits as the interval justifies.
+    """Return the form in which a number is written: with the unit of the measure ``like`` and, if the number has a 95 %
+    interval (``low`` to ``high``), with as many digits as this interval justifies.
     """
     sigma = None if low is None or high is None else (high - low) / 2.0 / NORMAL_95
     return value_form(replace(like, value=value or 0.0, sigma=sigma or None, why=None))
 
 
 def value_and_interval(like: Measure, value: float, low: float | None, high: float | None) -> Markup:
-    """Return the text of a difference with its sign and, if known, its 95 % interval; like: as in ``form_within``."""
+    """Return the text of a difference with its sign and, if known, its 95 % interval; like: a measure with the unit of
+    the difference.
+    """
     form = form_within(like, value, low, high)
     text = Markup("{}{}").format("+" if value > 0 else "", figure(value, form))
     if low is None or high is None:

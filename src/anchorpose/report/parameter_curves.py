@@ -34,8 +34,9 @@ def levels_of(at: np.ndarray, value: np.ndarray, sigma: np.ndarray, share: float
     """Return, for each distinct value of the parameter in ascending order, the mean of the trials with this value.
 
     at, value, sigma (n,): the parameter, the measure's value and its sigma in each trial, NaN where unknown. share: the
-    systematic share of the sigmas' variance. The mean's interval covers the scatter of the trials or, if this is
-    larger, their random errors. The systematic error is left out, since it shifts all levels alike.
+    share of the variance (sigma squared) that is due to systematic errors. The mean's interval covers the scatter of
+    the trials or, if this is larger, their random errors. The systematic error is left out, since it shifts all levels
+    alike.
     """
     return [
         _level(float(place), value[at == place], np.sqrt(1.0 - share) * sigma[at == place]) for place in np.unique(at)

@@ -171,8 +171,9 @@ def _share_row(label: str, percent: np.ndarray, bins: Bins, name: str) -> Row:
 
 
 def _confidence(session: Session) -> tuple[list[Row], list[Reading]]:
-    """Return the rows on the uncertainty of joints and on matched points, with their readings for the slider, and the
-    row of frames in which the fitted body does not explain the depth images.
+    """Return rows, and the values that the slider shows for them: the uncertainty of joints, and the share of surface
+    points that were found again in the next frame. A last row, without values, shows the frames in which the fitted
+    body does not explain the depth images.
     """
     rows, spoken, bins = [heading("Confidence")], list[Reading](), session.bins
     for name, value in zip(("median", "worst"), joint_confidence_mm(session), strict=True):
@@ -225,7 +226,9 @@ def unusable_frames(session: Session) -> np.ndarray:
 
 
 def marked_row(session: Session, label: str, frames: np.ndarray) -> list[Row]:
-    """Return one row with a column for each frame that is True in ``frames`` (n,) bool; no row if none is True."""
+    """Return one row with a column for each group of frames that contains a frame marked True in ``frames`` (n,) bool;
+    no row if no frame is marked.
+    """
     if not frames.any():
         return []
     return [_state_row(label, session.bins, 12, lost=worst(frames.astype(float), session.bins))]
@@ -261,8 +264,8 @@ def posture_rows(session: Session) -> list[Row]:
     """Return the rows of posture, transitions and events.
 
     A column of full height means upright, a column of half height unknown posture; no column is drawn where the patient
-    is not upright. A column is dark if the joints that determine posture were seen in all upright frames of its group,
-    else light.
+    is not upright. A column is dark if the joints that determine posture were seen in all upright frames of its group
+    of frames, else light.
     """
     bins, upright = session.bins, session.posture.upright
     unknown, standing, inferred = (
@@ -299,7 +302,9 @@ def event_rows(session: Session) -> list[Row]:
 
 
 def _depth(episode: Episode) -> str:
-    """Return the depth of an event (``Episode.depth``) as text, with 1.96 times its sigma."""
+    """Return as text how deep or how far an event went (``Episode.depth``, such as the degrees by which a knee
+    buckled), with 1.96 times its sigma.
+    """
     times, after = unit_of(episode.unit or "1")
     depth, reach = times * (episode.depth or 0.0), times * NORMAL_95 * (episode.sigma or 0.0)
     decimals = decimals_for(reach, depth)
@@ -307,7 +312,9 @@ def _depth(episode: Episode) -> str:
 
 
 def posture_readings(session: Session) -> list[Reading]:
-    """Return, for the slider, each group's postures, and the transitions and events that overlap the group."""
+    """Return, for the slider, the postures in each group of frames, and the transitions and events that overlap the
+    group.
+    """
     bins = session.bins
     words = [
         POSTURE_WORDS[code] + ("" if seen or code == UNKNOWN else " (inferred)")
@@ -369,13 +376,13 @@ def touch_reading(session: Session) -> Reading:
 
 
 def _lost(session: Session) -> np.ndarray:
-    """Return (b,) 1.0 for groups with a frame in which all joints are lost, else 0."""
+    """Return (b,): 1.0 for each group of frames that has a frame in which all joints are lost, else 0."""
     return worst(session.joints.lost.all(axis=1).astype(float), session.bins)
 
 
 def _held_and_seen(contacts: Sequence[Contact], bins: Bins) -> tuple[np.ndarray, np.ndarray]:
-    """Return (b,) 1.0 where any of the contacts lasts during a group of frames, else 0; and (b,) the smallest seen
-    share of these contacts, 0 without contact.
+    """Return two arrays (b,) over the groups of frames. The first is 1.0 where any of the contacts overlaps the group,
+    else 0. The second is the smallest share of touching skin that was seen, over these contacts; 0 without contact.
     """
     held, seen = np.zeros(bins.count), np.ones(bins.count)
     for contact in contacts:
