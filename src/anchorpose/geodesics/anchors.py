@@ -31,9 +31,9 @@ HEAD: Final = 0  # index of the head among the anchors
 LIMBS: Final = 4  # number of hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # columns: distance of the extremum from the centre along the surface; height of the extremum above the body's
-    # middle, and its distance to the left of the middle; height and distance to the left of the place where its path
-    # enters the trunk
+    # the five columns of ``PLACES``: distance of the extremum from the centre along the surface; height of the extremum
+    # above the body's middle, and its distance to the left of the middle; height and distance to the left of the place
+    # where the path from the extremum to the centre enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -82,7 +82,8 @@ CLEAR: Final = 2.0
 FARTHEST_OFF: Final = 3.0
 # tolerances, cost added for hands and feet if no head is found, in place of the cost of their distances from the head
 HEADLESS: Final = 1.5
-# distance from the body's centre, divided by the body height, at which a path is taken to enter the trunk
+# distance from the body's centre along the surface, divided by the body height, at which the path from an extremum is
+# assumed to enter the trunk
 ENTRY: Final = 0.20
 # distance along a path, divided by the body height, between the places that are compared with the places of other paths
 STEP: Final = 0.05
@@ -90,7 +91,9 @@ STEP: Final = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The patient's axes and height: places are measured along these axes, as fractions of this height."""
+    """The patient's upward and leftward directions and height; places on the surface are measured along these
+    directions, as fractions of this height.
+    """
 
     up: np.ndarray  # (3,) unit vector, world
     left: np.ndarray  # (3,) unit vector, world
@@ -98,13 +101,14 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far each extremum (the tip of a cap in ``caps``) is from each anchor's usual place, and the distances
-    between the extrema.
+    """Return how much the place of each extremum differs from the usual place of each anchor, and the distances between
+    the extrema. An extremum is the tip (the farthest node) of a cap in ``caps``.
 
-    The first result is (k, 5) in squared tolerances: the sum of the squared differences from the five usual values in
-    ``PLACES``, each difference limited to ``FARTHEST_OFF``. The second result is (k, k), in body heights. A distance
-    between two extrema runs from the first extremum along its path towards the centre, straight across the trunk, and
-    along the path of the second extremum to this extremum.
+    The first result is (k, 5), with one row per extremum and one column per anchor, in squared tolerances. It compares
+    the five values of an extremum with the five usual values of an anchor, a row of ``PLACES``: the differences, each
+    limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second result is (k, k), in body heights. A
+    distance between two extrema runs from the first extremum along its path towards the centre, straight across the
+    trunk, and along the path of the second extremum to this extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -130,9 +134,10 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema. It is measured along one path to some place, straight from this place
-    to a place on the other path, and along the other path. The places (k, l, 3) on the two paths are chosen so that the
-    sum is least.
+    """Return the distance (k, k) between extrema: the least length of a way along the path of one extremum, straight
+    from a place on this path to a place on the path of the other extremum, and along the other path. points_m (k, l,
+    3): l places on the path of each extremum; from_center_m (k, l): their distances from the centre; reach_m (k,): the
+    distances of the extrema.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -149,10 +154,11 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from
     the anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is
     the square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
-    missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if the name is clear: the difference
-    from the usual place of this anchor is at most ``CLEAR``, and no larger than from the usual place of any other
-    anchor. An assignment is computed for each extremum as the head, and for a missing head; the assignment with the
-    least cost is returned.
+    missed anchor costs ``MISSED``. If an extremum is farther than the gate from an anchor's predicted place, it gets
+    the anchor's name only if this name is clear: the difference from the anchor's usual place is at most ``CLEAR``, and
+    the extremum is not closer to the usual place of another anchor. The costs of hands and feet depend on which
+    extremum is the head. So an assignment is computed for each extremum as the head, and for a missing head; the
+    assignment with the least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -181,8 +187,8 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return (k, 4) squared tolerances: how much each extremum's distance from the head, ``apart`` (k,), differs
-    from each limb's ``FROM_HEAD``.
+    """Return (k, 4) squared tolerances: how much each extremum's distance from the head, ``apart`` (k,), differs from
+    the usual distance (``FROM_HEAD``) of each hand and foot.
     """
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
@@ -213,8 +219,8 @@ class Anchors:
     # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
     position_m: np.ndarray
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
-    # extrema that got no name although a limb ends there: the surface is not cut off at them, and hidden skin does not
-    # continue beyond them. The extremum farthest from the centre comes first
+    # caps of the extrema that got no anchor's name although a limb ends there (``_no_end_of_a_limb``); the cap of the
+    # extremum farthest from the centre comes first
     free: tuple[Cap, ...] = ()
 
     @property
@@ -289,8 +295,8 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """Return the distance (k, 5), in metres, of each extremum from the predicted place of each anchor; NaN without a
-    prediction.
+    """Return the distance (k, 5), in metres, from the centre of each cap (the surface around an extremum) to the
+    predicted place of each anchor; NaN without a prediction.
     """
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
@@ -313,8 +319,8 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """Return the anchors at the chosen caps. chosen (5,) int: for each anchor, the number of its cap, -1 = missed;
-    free: as in ``Anchors``.
+    """Return the anchors at the chosen caps (a cap is the surface around an extremum). chosen (5,) int: for each
+    anchor, the index of its cap in ``caps``, -1 = missed; free: the caps without a name, for ``Anchors``.
     """
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
@@ -336,8 +342,8 @@ def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap])
     not end there.
 
     If the cap's connected piece of surface contains hidden (predicted) skin, this skin decides whether the limb
-    continues beyond the cap, since it is more reliable than an edge in the depth frame. In such a piece every cap may
-    be the head, since hidden skin continues beyond every head.
+    continues beyond the cap, since it is more reliable than an edge in the depth frame. But hidden skin continues
+    beyond every head, so it never prevents a cap from being the head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)

@@ -42,8 +42,8 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8), one row per value of a byte: the numbers of the byte's eight bits, with the bits that are 1 (set) first. Bit
-# k stands for lane k, that is, for a certain neighbour of a node (``fans``).
+# (256, 8), one row per value of a byte: the numbers 0 to 7 of the byte's bits, first of the bits that are 1 (set), then
+# of the bits that are 0. Bit k stands for lane k, that is, for a certain neighbour of a node (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -64,8 +64,8 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: at the distance ``reach``, or earlier at the first node, other than a
-    source, at which ``field`` is at least ``level``.
+    """The condition at which a front stops: at the distance ``reach`` from its source, or earlier at the first node,
+    other than a source, whose value in ``field`` (a quantity of each node) is at least ``level``.
     """
 
     reach: float  # metres
@@ -99,8 +99,8 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """Advance the front until every node within ``stop.reach`` has its distance, or until it meets a node at which
-    ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
+    """Advance the front until every node within the distance ``stop.reach`` of the source has its distance, or until
+    the front meets a node whose value in ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
 
     band: width in metres of the band of nodes that are active at once.
     """
@@ -154,8 +154,8 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 
 @njit(cache=True)
 def _update_rings(front: Front, active: np.ndarray) -> None:
-    """Give the neighbours in the rings of the active nodes their candidate distances where these are shorter. A node
-    whose distance is reduced waits for a later round.
+    """Replace the distances of the active nodes' neighbours by the candidate distances that are shorter. A node whose
+    distance is reduced waits for a later round.
 
     The inner loop has no branches, since the processor would mispredict half of them, which takes time.
     """
@@ -253,8 +253,9 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). The fans (values
-    of each node's neighbourhood) that were filled for one field are used again for the next field.
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). A node's fan (the
+    edges and triangles between the node and its neighbours) is the same for every source, so fans that were filled for
+    one field are used again for the next field.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

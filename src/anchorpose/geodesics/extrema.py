@@ -128,9 +128,9 @@ def find_caps(
 ) -> list[Cap]:
     """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
 
-    field (n,) float32: distance from the centre. A cap consists of the nodes whose distance is at most ``depth_m`` less
-    than the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts
-    the surface (``surface.border``).
+    field (n,) float32: distance from the centre. A cap reaches from the limb's end up to ``depth_m`` towards the
+    centre; the distance of the limb's end is the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at
+    a border where something else cuts the surface (``surface.border``).
     """
     if len(extrema) == 0:
         return []

@@ -103,10 +103,10 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
-    """Return whether the edge to a neighbour belongs to no triangle."""
+    """Return whether the edge from ``node`` to its neighbour ``other`` belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            # a node that neighbours both nodes is one or two places from ``other`` in the ring
+            # a node next to both ``node`` and ``other`` is one or two places from ``other`` in the ring of ``node``
             for way in (1, 2, 6, 7):
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):

@@ -117,10 +117,11 @@ def _behind(
     at_y: float,
 ) -> None:
     """Unfold the shortest path to a node into a plane. Write the node's place in this plane to ``bend``. Write to
-    ``chain`` the last and the first corner of the path.
+    ``chain`` the last and the first corner of the path, that is, the rim nodes at which it bends last and first.
 
-    at_x, at_y: a place on the path in its plane; last, first: the last corner at which the path may bend, and the first
-    corner at which it bends.
+    at_x, at_y: the place in this plane towards which the path runs from its last corner; last: the last rim node that
+    may be a corner of the path (if the path does not bend there, the corners before it are tried); first: the first
+    corner.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -229,8 +230,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Along a path, the
     detour of a node is never smaller than the detour of the node before. So nodes behind a detour of more than
     ``enough_m`` get a lower bound of their detour, which halves the computing time of this function. The detour is inf
-    if the path passes a strip without triangles beside the occlusion, where bends are unknown. The direction of each
-    path at a rim is computed from the field, so distances of any solver can be used.
+    if the path runs along an edge between two open rim nodes that belongs to no triangle, since bends are unknown
+    there. The direction of each path at a rim is computed from the distances alone, so they may come from any solver.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -317,8 +318,9 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return a node's detour: the length of its path, laid flat, minus the chord. Deep in a shadow, return the detour
-    of the preceding node of the path; outside shadows, return 0.
+    """Return a node's detour: the length of its path, laid flat, minus the chord. If the node is so deep in a shadow
+    that the corners of its path are not computed, return the detour of the preceding node of the path; outside shadows,
+    return 0.
     """
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)

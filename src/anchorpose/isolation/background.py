@@ -93,9 +93,9 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     pixel is foreground if this median exceeds two sigmas, measured along the ray (``BACKGROUND_GATE``), and the pixel
     itself is nearer than the room. Where rays meet the floor at a small angle, two sigmas along the ray are a
     centimetre of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by more
-    than ``JUMP_GATE`` sigmas is foreground for any median: fingers and corners of the outline fill less than half of
-    the window, so the median there may show the room. Where the background is unknown, every reading counts as
-    foreground; pixels that show no person are removed later.
+    than ``JUMP_GATE`` sigmas is foreground, whatever the median is: fingers and corners of the outline fill less than
+    half of the 3x3 pixels, so the median there may show the room. Where the background is unknown, every reading counts
+    as foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -124,7 +124,7 @@ class ExpectedEquipment:
     """One camera's predicted view of the equipment alone."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
-    # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
+    # (height, width) bool, whether the background has the equipment's depth at a pixel and at all its eight neighbours
     measured: np.ndarray
     # (height, width) float32 m; a reading from low_m to high_m shows the equipment; inf at pixels without equipment
     low_m: np.ndarray

@@ -33,8 +33,8 @@ SPEED_M_S: Final = 0.30
 # rail belongs to the same cluster as the body below
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# mean number of cubes of a grid that a surface passes through, for each part of the surface that is as large as one
-# face of a cube; with this factor, the area of skin is estimated from the number of cubes that contain skin
+# if space is divided into cubes, a surface passes through this many cubes, on average, per area of a cube's face; so
+# the area of skin is estimated from the number of cubes that contain skin
 CUBES_PER_FACE: Final = 1.5
 
 

@@ -2,8 +2,8 @@
 from surfaces that stay still in the recording.
 
 Still surfaces are the room or people who never leave their place. The learnt descriptor (a network that finds people in
-depth images) recognises these people. Behind them, only the planes of floor, walls and ceiling are filled in, and the
-model of the equipment.
+depth images) recognises these people. The room behind these people is never seen; it is filled in from the planes of
+floor, walls and ceiling, and from the model of the equipment.
 """
 
 from __future__ import annotations
@@ -72,8 +72,9 @@ HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equi
 # times as high.
 SOLE_M: Final = 0.015
 # maximum share of the image's blocks in which readings of the room differ from the image of the empty room by more than
-# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a camera
-# has tilted up or down by 0.25 degrees, the readings of the floor differ, in 0.35 of the blocks
+# ``BACKGROUND_GATE`` sigmas; if the share is larger, the image counts as outdated. Recordings of simulated and real
+# cameras that did not move have up to 0.03. After a camera has tilted up or down by 0.25 degrees, the readings of the
+# floor differ, in 0.35 of the blocks
 OUTDATED_SHARE: Final = 0.1
 
 
@@ -259,8 +260,9 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): values sorted over
-    time, of which the last ``count`` (height, width) are readings; 0 if count is 0.
+    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): the values of each
+    pixel in ascending order, of which the last ``count`` (height, width) are readings, and the values before them are 0
+    (no reading). The result is 0 at pixels where ``count`` is 0.
     """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]

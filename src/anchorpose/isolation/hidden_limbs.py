@@ -29,8 +29,8 @@ class HiddenSkin:
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
         """Return (m,) 1/m3: for each place (m, 3), the probability density that the centre of a visible piece of a limb
-        lies there. A piece may show any point of a segment (``part``). At each place, the segment with the highest
-        density counts.
+        lies there. A piece is equally likely to show any point of a segment (half of a limb or of the trunk, ``part``).
+        At each place, the segment with the highest density counts.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3

@@ -17,8 +17,8 @@ MIXED: Final = 255  # label of a cell with skin of several people
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
-# sigmas, maximum distance of a skin point from a place at which the likelihoods of several people are compared; farther
-# points do not count, and a place at which no point counts gets its owner by region growing
+# sigmas, maximum distance of a skin point from a place; where the likelihoods of several people are compared, farther
+# points do not count. A place without a skin point in reach gets its owner by region growing
 GATE: Final = 3.0
 # minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
 # 2 log(sigma), which ``decide_ownership`` compares

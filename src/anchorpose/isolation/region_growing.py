@@ -14,8 +14,8 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# additional cost of growing into a crease, per sigma of its depth beyond CREASE_SIGMAS; the unit of cost is one step to
-# the next pixel
+# additional cost of a step into a crease, for each standard deviation by which the crease is deeper than
+# ``CREASE_SIGMAS``; a step to the next pixel outside creases costs 1
 CREASE_COST: Final = 4.0
 # pixels, the width of a finger at 2.5 m; a pixel's depth is compared with the depths this far away on both sides
 CREASE_PX: Final = 3
@@ -132,8 +132,8 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the number of a pixel's neighbour in a direction, -1 if its region cannot grow there, and the cost of
-    growing there, in steps.
+    """Return the number of a pixel's neighbour in a direction, and the cost of the step to this neighbour. The number
+    is -1 if the region of the pixel's owner cannot grow there.
     """
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]

@@ -47,8 +47,8 @@ SAMPLE: Final = 500  # number of points of a piece that are tested for flatness
 def flat_pieces(
     points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
 ) -> np.ndarray:
-    """Return (n,) bool: pixels of boards, which are pieces that are flat (within the noise and ``FLATTEST`` of their
-    width) and rectangular.
+    """Return (n,) bool: pixels of boards, that is, of large pieces that are flat and rectangular. A piece is flat if
+    its points deviate from a plane by no more than the noise plus ``FLATTEST`` times the width of the piece.
 
     points_m (n, 3), depth_m (n,), piece (n,) numbered from 1, area_m2 (n,): one camera's foreground pixels.
     """

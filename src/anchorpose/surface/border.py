@@ -181,8 +181,9 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
-    to hide something. At least the share ``HOLE_ENCLOSED`` of its rim must show the patient.
+    """Return (height, width) uint8: 1 at pixels in holes, else 0; None if the image has no holes. A hole is a region of
+    lost readings that is thick enough to hide something. At least the share ``HOLE_ENCLOSED`` of its rim must show the
+    patient.
 
     Recordings with a removed background have no readings around the patient. That region is not a hole, since it
     reaches the edge of the examined area.

@@ -16,8 +16,8 @@ from numba import njit
 from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-# 1/rad, additional cost of an edge in a path per radian of inward fold, divided by the edge's length; an edge that
-# folds by 3 degrees counts as twice as long
+# 1/rad; in a path, an edge counts as longer than it is, by its length times this factor times its inward fold in
+# radians; an edge that folds by 3 degrees counts as twice as long
 CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
 # distances are no evidence of a contact, since neighbouring skin points are 3 cm apart
@@ -143,7 +143,9 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
 
 @njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
-    """Return whether a node lies near the expected place of the skin point that it shows."""
+    """Return whether a node lies near the expected place of the skin point ``under`` that it shows: within
+    ``SHOWN_NEAR_M`` of this point and within ``SHOWN_OFF_M`` of the tangent plane there.
+    """
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin.points_m[under, axis]

@@ -73,8 +73,9 @@ CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slig
 # cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
 # exceeds 90 degrees, since rays at the image's border slant
 LEAST_FACING: Any = np.float32(-0.5)
-# minimum width that a pixel covers at a node, divided by the width at the skin nearest to the camera. It is below 1,
-# since a node may be nearer to the camera than all expected skin
+# factor on the width that a pixel covers on the expected skin nearest to the camera; the product is the minimum width
+# that a pixel is assumed to cover at a node. The factor is below 1, since a node may be nearer to the camera than all
+# expected skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
@@ -167,8 +168,10 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """Compute the squared distances from node n to the skin points first to last of ``place``, with more weight along
-    the normals; inf if the normals differ too much. First and last are unsigned, so that the loop is vectorised.
+    """Write to ``squared`` the squared distance from node n to each skin point in ``place`` from ``first`` to ``last``
+    - 1. The part of the distance along the skin's normal has more weight (``OFF_PLANE_WEIGHT``). The result is inf if
+    the normals of node and skin differ by more than ``MAX_TURN_DEG``. First and last are unsigned, so that the loop is
+    vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
@@ -230,8 +233,9 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """Compute ``find_ambiguous_skin`` (k,) bool for skin points sorted by their height.
 
-    place (3, k), landmarks (k, l) float32. Points are sorted by height, so points whose height differs by at most 2
-    ``AMBIGUOUS_M`` are contiguous.
+    place (3, k) float32: the points; landmarks (k, l) float32: their distances along the body to l landmarks, as in
+    ``BodyMap``. Points are sorted by height, so points whose height differs by at most 2 ``AMBIGUOUS_M`` are
+    contiguous.
     """
     x, y, z = place[0], place[1], place[2]
     radius = np.float32(2.0) * AMBIGUOUS_M
@@ -337,7 +341,8 @@ class Paths(NamedTuple):
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two arrays for the skin points. place (k,): the number of the new node (of hidden skin) for the point, -1
-    = no new node. shown (k,): the piece of mesh in which an inner node (a node off the rim) shows the point, -1 = none.
+    = no new node. shown (k,): the piece of mesh of a node that shows the point, -1 if no inner node (a node off the
+    rim) shows the point.
 
     A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
     or a neighbouring skin point that no inner node shows becomes a new node.

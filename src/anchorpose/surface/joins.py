@@ -165,8 +165,9 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
     shortest. The nodes of a pair are neighbours on the grid, and at most ``max_gap_m`` apart.
 
     index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32: number of each node's
-    piece, from ``pieces``. Two pieces are joined once, across the shortest gap (Kruskal's rule). So an arm in front of
-    the trunk is not joined to the trunk directly if the shoulder connects them.
+    piece, from ``pieces``. Gaps are closed in the order of their width (Kruskal's rule), and a gap between two pieces
+    that other pieces connect already is not closed. So an arm in front of the trunk is not joined to the trunk directly
+    if the shoulder connects them.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)

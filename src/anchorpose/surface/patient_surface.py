@@ -124,8 +124,8 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with the corners of the
-    target surface's grid cell around it, if they show this skin.
+    """Return pairs (m, 2) int32 of nodes on the same skin. A pair consists of a node of the source surface and a node
+    of the target surface that is a corner of the grid cell in which the target's camera sees the first node.
 
     source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
     source that the target's camera sees better are marked in ``dropped``.
@@ -158,8 +158,8 @@ def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool, nodes to keep: all nodes not dropped, and dropped nodes at most two grid steps from such a
-    node.
+    """Return (n,) bool, nodes to keep: all nodes that are not dropped, and dropped nodes at most two grid steps away
+    from a node that is not dropped.
     """
     stay = ~dropped
     for _ in range(2):
@@ -232,8 +232,8 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return, up to a constant factor, how many readings per square metre of the skin at nodes p and q a camera at
-    ``eye`` (3,) has.
+    """Return a number proportional to how many readings a camera at ``eye`` (3,) has per square metre of the skin at
+    nodes p and q; it is larger if the camera is near and sees the skin squarely.
     """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)

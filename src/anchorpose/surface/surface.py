@@ -1,6 +1,7 @@
 """Define the surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-The module also defines the patient's expected skin, which is predicted before registration.
+The module also defines the patient's expected skin, which is predicted before the body is fitted to the frame
+(registration).
 """
 
 from __future__ import annotations
