@@ -4,9 +4,9 @@ Definition 2, Section III). An extremum is a node farther from the centre, along
 Three kinds of evidence decide which anchor (which body part) an extremum is. (1) Its place: the distance from the
 centre, the height above the body's middle, and the distance to the left of the middle. (2) Its path to the centre:
 where the path enters the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its
-distance from the predicted place. Each kind of evidence adds to the cost of a name. The cost of (3) is bounded, so the
-prediction decides only if place and path leave open which anchor the extremum is. A wrong prediction therefore does not
-confirm itself.
+distance from the predicted place. Each kind of evidence adds to the cost of giving an anchor's name to an extremum. The
+cost of the third kind is bounded, so the prediction decides only if place and path leave open which anchor the extremum
+is. A wrong prediction therefore does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -106,9 +106,9 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
     The first result is (k, 5), with one row per extremum and one column per anchor, in squared tolerances. It compares
     the five values of an extremum with the five usual values of an anchor, a row of ``PLACES``: the differences, each
-    limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second result is (k, k), in body heights. A
-    distance between two extrema runs from the first extremum along its path towards the centre, straight across the
-    trunk, and along the path of the second extremum to this extremum.
+    limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second result is (k, k): the distances between
+    the extrema, in body heights. A distance between two extrema runs from the first extremum along its path towards the
+    centre, straight across the trunk, and along the path of the second extremum to this extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])

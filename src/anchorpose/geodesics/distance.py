@@ -9,11 +9,11 @@ for example between two cameras' nodes), the link's length is added.
 
 The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
 rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the round's distance
-threshold are active: each computes candidate distances (``fans``) of the nodes of its ring (its eight neighbours), in
-parallel in the processor's vector registers. A node whose distance is reduced waits again, even if it was active
-before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2 nodes in 100
-are active twice. Within a round no node uses another node's new distance, so the result does not depend on the order of
-the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
+threshold are active: each computes candidate distances of its ring, that is, its eight neighbours (``fans``). The eight
+are computed in parallel, in the processor's vector registers. A node whose distance is reduced waits again, even if it
+was active before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2
+nodes in 100 are active twice. Within a round no node uses another node's new distance, so the result does not depend on
+the order of the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -49,7 +49,9 @@ SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set b
 
 
 class Front(NamedTuple):
-    """The distances of the nodes that a front has reached so far, and its working memory."""
+    """A front (the edge of the region whose distances are known): the distances of the nodes that it has reached so
+    far, and its working memory.
+    """
 
     distance: np.ndarray  # (n + 1,) float32, ``AWAY`` if not reached
     # (n + 1,) float32, the distance from the source at which the front, on its way to the node, last turned around the

@@ -71,8 +71,8 @@ class Fans(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """The values with which a round computes distances, one row per active node (a node that passes its distance on in
-    this round).
+    """The values from which a round of the front computes candidate distances, one row per active node (a node that
+    passes its distance on to its neighbours in this round).
     """
 
     table: np.ndarray  # (n, 96) float32, with the columns defined above, from ``EDGE2`` to ``UPDATED``

@@ -138,8 +138,8 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """Write to ``bend`` and ``chain`` the place of a node whose path bends last at the rim node ``at``, by the angle
-    ``turn`` (radians).
+    """Write to ``bend`` and ``chain`` the place and the corners of a node whose path bends last at the rim node ``at``,
+    by the angle ``turn`` (radians).
     """
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
@@ -246,8 +246,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """Return detours (n, k) float32 for distance fields (k, n), computed node by node in the order of distance. is_open
-    (n,) bool, hole (n, 3): as in ``cast_shadow``.
+    """Return the detours (n, k) float32 of all paths to k anchors, from the distances (k, n) of the nodes to these
+    anchors, computed node by node in the order of distance. is_open (n,) bool, hole (n, 3): as in ``cast_shadow``.
     """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m

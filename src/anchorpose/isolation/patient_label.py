@@ -28,8 +28,8 @@ LARGEST_M2: Final = 0.03
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners (n,) uint8 of each camera's foreground (``shown``) after assigning stray pieces among the
-    patient's pixels to the person whose surface they continue.
+    """Return the owners (n,) uint8 of each camera's foreground pixels (``shown``): as in ``owners``, but a stray piece
+    of the patient's pixels gets the person whose surface it continues.
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
     continues another person's surface without a crease between them: for example, half a therapist's head where the

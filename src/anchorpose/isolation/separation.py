@@ -97,7 +97,9 @@ def separate(
 
 
 def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
-    """Return the label for the next new person. elapsed_s: time since the memory's frame; negative if backward."""
+    """Return the label for the next new person. elapsed_s: time since the frame that is remembered; negative in the
+    backward pass.
+    """
     return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 

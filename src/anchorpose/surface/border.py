@@ -122,11 +122,13 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return the kind (``Border``) of each patient pixel, by the surfaces within ``SEARCH_PX`` in eight directions.
+    """Return the kind of border (``Border``) at each of the patient's pixels; it depends on the surfaces that lie up to
+    ``SEARCH_PX`` away in eight directions.
 
-    Floor and foot plate are nearer to the camera than every sole, but they do not cut the patient's surface. So each
-    surface in front is extrapolated by its slope to the patient's pixel. There, the extrapolated floor has the same
-    depth as the sole, so it does not count as in front; an extrapolated bar is still in front of the patient.
+    Beside a sole, the floor or the foot plate is nearer to the camera than the sole, but it does not cut the patient's
+    surface. So each surface in front is extrapolated by its slope to the patient's pixel. There, the extrapolated floor
+    has the same depth as the sole, so it does not count as in front; an extrapolated bar is still in front of the
+    patient.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)

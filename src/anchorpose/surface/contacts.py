@@ -28,9 +28,9 @@ LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
 # example, a step is at the rim of a hand on the trunk
 LEAST_STEP: Final = 0.6
-# m; limits for an edge without fold or step to give evidence of a contact, too. Its ends must show skin points more
-# than SHOWN_APART_M apart on the body. Each end must be within SHOWN_NEAR_M of its skin point (along the skin, the
-# prediction may be off by half a limb) and within SHOWN_OFF_M of the tangent plane there
+# m; limits. If they are kept, even an edge without fold or step gives evidence of a contact. The edge's ends must show
+# skin points more than SHOWN_APART_M apart on the body. Each end must be within SHOWN_NEAR_M of its skin point (along
+# the skin, the prediction may be off by half a limb) and within SHOWN_OFF_M of the tangent plane there
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)

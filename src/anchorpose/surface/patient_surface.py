@@ -171,8 +171,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end. grid, camera: grid and camera of the other surface; eyes
-    (2, 3) float32: positions of the nodes' own camera and of the other camera.
+    """Compute ``_same_skin`` for the source's nodes from ``begin`` to ``end`` - 1. grid, camera: grid and camera of the
+    target surface; eyes (2, 3) float32: positions of the source's and of the target's camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape

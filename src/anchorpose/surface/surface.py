@@ -183,7 +183,7 @@ class ExpectedSkin:
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
     """Return a lower bound, by the triangle inequality, on the distance of two skin points along the body's mesh.
 
-    landmarks (k, l) float32 of ``BodyMap``.
+    landmarks (k, l) float32: distances of the skin points to l landmarks of the body, from ``BodyMap``.
     """
     most = np.float32(0.0)
     for k in range(landmarks.shape[1]):

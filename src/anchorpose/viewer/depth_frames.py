@@ -48,7 +48,8 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Return the brightness of each pixel (height, width) uint8, 255 = the surface faces the light. Brightness is used
     only for display, where it shows the shape of surfaces.
 
-    depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
+    depth_m (height, width) metres, 0 = no reading. Where a neighbouring reading is missing or on another surface, the
+    slope of the surface counts as 0.
     """
     z = np.maximum(depth_m, 0.1)
     across = _slope(depth_m, 1) * (camera.intrinsics.fx / (2 * REACH_PX)) / z

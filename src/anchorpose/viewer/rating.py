@@ -53,9 +53,9 @@ Spans = tuple[tuple[int, int], ...]
 
 
 def blind(review: Review, trials: Sequence[Trial]) -> tuple[Review, Spans]:
-    """Return the frames of all trials in the given order, without names, angles, contacts, anchors and the table
-    ``explained``, and with other frame numbers and times than in the session. Also return the first and the last row of
-    each trial in these frames.
+    """Return the frames of all trials in the given order, without names, angles, contacts, anchors and the table of how
+    well poses explain the depth images, and with other frame numbers and times than in the session. Also return the
+    first and the last row of each trial in these frames.
     """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
