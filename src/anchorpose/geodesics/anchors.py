@@ -67,12 +67,11 @@ FROM_HEAD_TOLERANCE: Final = 0.20  # spread of each distance in ``FROM_HEAD``, d
 # not found; if every extremum costs more than this, the anchor is missed
 MISSED: Final = 4.0
 PREDICTION: Final = 1.5  # tolerances, maximum cost added for an extremum's distance from the anchor's predicted place
-# tolerances, cost added if an anchor has no predicted place. The limit ``MISSED`` then allows 3 tolerances from the
-# usual place
+# tolerances, cost added if an anchor has no predicted place; an extremum may then differ from the anchor's usual place
+# by up to 3 tolerances before its cost reaches ``MISSED``
 UNPREDICTED: Final = 1.0
-# tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``, for the head
-# ``HEAD_GATE``) of the predicted place. It is less than ``MISSED``, so that such an extremum can be the anchor in any
-# pose
+# tolerances, maximum cost of an extremum near an anchor's predicted place (within ``AnchorConfig.gate``, for the head
+# ``HEAD_GATE``); it is less than ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum difference from an anchor's usual place (``PLACES`` and, for hands and feet, ``FROM_HEAD``) at
 # which an extremum can get the anchor's name although it is beyond the gate of the predicted place
@@ -123,7 +122,7 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
     """Return (k, l) int: for each extremum, the nodes of its path at the distances 0, ``step_m``, 2 ``step_m`` and so
-    on from the centre. After the end of the path, the extremum is repeated.
+    on from the centre. Where the path is shorter, its end, the extremum, is repeated.
     """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
@@ -212,9 +211,9 @@ class Anchors:
     place is never guessed.
     """
 
-    # (5,) int32, index into the surface, -1 = missed: of the nodes of the extremum's cap (the surface around it), the
-    # node nearest to the cap's centre. Distances of other nodes from this node change from frame to frame half as much
-    # as their distances from the extremum.
+    # (5,) int32, index into the surface, -1 = missed: the node nearest to the centre of the anchor's cap (the surface
+    # around the extremum). The centre of a cap is steadier than the extremum: from frame to frame, distances of other
+    # nodes from the node at the centre change half as much as their distances from the extremum.
     node: np.ndarray
     # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
     position_m: np.ndarray
@@ -242,8 +241,8 @@ class AnchorConfig:
 
 
 # distance from the head's predicted place within which an extremum is accepted in any pose (gate), divided by the body
-# height. It is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm away, must not
-# be mistaken for the head
+# height. The head's gate is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm
+# away, must not be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum within this distance of an anchor's predicted place can be the anchor
 # even if an object cuts the surface off there, or if hidden skin continues beyond it
@@ -269,10 +268,10 @@ def find_anchors(
     predicted place of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that
     the patient lacks.
 
-    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if the cost of every extremum
-    is too high. On a surface without seen nodes, all anchors are missed. The direction ``facing`` decides which side is
-    left. If this direction is wrong by half a turn, left and right of all anchors are exchanged, and the result does
-    not show this.
+    The anchors' names are assigned to extrema so that the total cost is least (``name_extrema``). An anchor is missed
+    if the cost of every extremum is too high. On a surface without seen nodes, all anchors are missed. The direction
+    ``facing`` decides which side is left. If this direction is wrong by half a turn, left and right of all anchors are
+    exchanged, and the result does not show this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:

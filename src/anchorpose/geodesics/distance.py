@@ -1,19 +1,19 @@
 """Compute geodesic distances (lengths of the shortest paths along a surface) by fast marching with unfolding (paper, gd
 of Section III).
 
-The mean error of a distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at the
-source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with two
-neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known distances
-from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's pixel grid,
-for example between two cameras' nodes), the link's length is added.
+The mean error of a computed distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at
+the source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with
+two neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known
+distances from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's
+pixel grid, for example between two cameras' nodes), the link's length is added.
 
-The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
-rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the round's distance
-threshold are active: each computes candidate distances of its ring, that is, its eight neighbours (``fans``). The eight
-are computed in parallel, in the processor's vector registers. A node whose distance is reduced waits again, even if it
-was active before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2
-nodes in 100 are active twice. Within a round no node uses another node's new distance, so the result does not depend on
-the order of the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
+The usual fast marching algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the
+front advances in rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the
+round's distance threshold are active: each computes candidate distances of its ring, that is, its eight neighbours
+(``fans``). The eight are computed in parallel, in the processor's vector registers. A node whose distance is reduced
+waits again, even if it was active before. The active nodes form a band along the front. This band is narrower than an
+edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses another node's new distance, so the
+result does not depend on the order of the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
 # (256, 8), one row per value of a byte: the numbers 0 to 7 of the byte's bits, first of the bits that are 1 (set), then
-# of the bits that are 0. Bit k stands for lane k, that is, for a certain neighbour of a node (``fans``).
+# of the bits that are 0. In such a byte, bit k stands for lane k, that is, for a certain neighbour of a node
+# (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
@@ -104,7 +105,7 @@ def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
     """Advance the front until every node within the distance ``stop.reach`` of the source has its distance, or until
     the front meets a node whose value in ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
 
-    band: width in metres of the band of nodes that are active at once.
+    band: the range of distances, in metres, of the nodes that are active in the same round.
     """
     while front.size[0] > 0:
         count, low = _next_round(front, band)
@@ -159,7 +160,8 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
     """Replace the distances of the active nodes' neighbours by the candidate distances that are shorter. A node whose
     distance is reduced waits for a later round.
 
-    The inner loop has no branches, since the processor would mispredict half of them, which takes time.
+    The inner loop, over a node's neighbours, has no branches, since the processor would mispredict half of them, which
+    takes time.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]

@@ -21,12 +21,13 @@ from anchorpose.surface.surface import MeshArrays, Surface
 # the distance of a single node has half a centimetre of noise
 FARTHEST: Final = 10
 # minimum share of the nodes in a cap's outer half that lie at a cut (the border of an object in front), for the cap to
-# be a stump: the limb then continues behind the object. Beside a bar, all nodes of the outer half lie at the cut.
+# be a stump: the limb then continues behind the object. If a bar cuts a limb off, all nodes of the cap's outer half lie
+# at the cut.
 STUMP_SHARE: Final = 0.5
 # minimum length of hidden (predicted, unseen) skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for
 # the limb to continue there; fingers without readings are shorter
 LONGER: Final = 1.5
-# the value in place of ``LONGER`` if an object, such as a bar before a wrist, stands in front of the end
+# minimum length, in place of ``LONGER``, if an object, such as a bar before a wrist, stands in front of the limb's end
 LONGER_AT_CUT: Final = 1.0
 # skin area per hidden node, divided by the skin area per seen node: hidden nodes are 2.2 cm apart, seen nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
@@ -126,7 +127,7 @@ class Cap:
 def find_caps(
     surface: Surface, field: np.ndarray, extrema: np.ndarray, depth_m: float, cut: np.ndarray | None = None
 ) -> list[Cap]:
-    """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
+    """Return the cap (the seen surface at a limb's end) of each extremum. extrema (k,): numbers of seen nodes.
 
     field (n,) float32: distance from the centre. A cap reaches from the limb's end up to ``depth_m`` towards the
     centre; the distance of the limb's end is the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at
@@ -166,8 +167,9 @@ def _cap(
 
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
-    """Return whether, for every camera that sees a cap's outer half, at least the share ``STUMP_SHARE`` of this
-    camera's nodes there lie at a cut.
+    """Return whether a cap is a stump, at which the surface ends only because something hides the rest of the limb. It
+    is a stump if, of the nodes in its outer half, at least the share ``STUMP_SHARE`` lie at a cut; this must hold for
+    each camera that sees the outer half.
     """
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])

@@ -1,12 +1,13 @@
 """Prepare the fan of each node, and compute the distances from the source that the node can pass on to its neighbours.
 A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
 
-The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
-computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
-four sides (the neighbours E N W S) come first, because every triangle consists of the node, the neighbour that gets a
-distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has
-two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right triangle. Sources: Kimmel
-and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
+The ring of a node is numbered counter-clockwise: places 0 to 7 are the neighbours E NE N NW W SW S SE. Its eight edges
+and sixteen triangles are computed in parallel, one neighbour per lane of the processor's vector registers, in the order
+E N W S NE NW SW SE. The four sides (the neighbours E N W S) come first, because every triangle consists of the node,
+the neighbour that gets a distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N
+or S. So each lane has two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right
+triangle. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein
+2002.
 """
 
 from __future__ import annotations
@@ -25,15 +26,16 @@ RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
 # first column of each kind of value in a fan; each kind has eight columns, one per lane, that is, per neighbour of the
 # node. The values are the squared length of the edge from the node to the lane's neighbour, and the dot products of
 # this edge with the edges from the node to the sides of the left and of the right triangle. FAN is the number of
-# columns
+# columns of a fan
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
 # first column of each further kind of value in a row of ``Rows``, after the fan. SIDE2, SIDE and BEND are the squared
 # length of the edge to a side, and the distance and bend (as in ``Front``) of this side; each exists per lane for the
 # left and for the right triangle. Also per lane, BEFORE is the present distance of the lane's neighbour, and CANDIDATE
 # and CANDIDATE_BEND are its candidate distance and the bend of this candidate. (The sides in the right triangles of the
-# first two lanes are the sides in the left triangles of the last two lanes, so they share columns.) Then follow the
-# node's own distance, bend and rim mark, and UPDATED, the lanes to update as bits. ROW is the number of columns
+# first two lanes are the sides in the left triangles of the last two lanes, so they share columns.) After these columns
+# come OWN, OWN_BEND and OWN_RIM, the node's own distance, bend and rim mark, and UPDATED, whose bits are the lanes to
+# update. ROW is the number of columns of a row
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
 WIDE: Final = 4  # number of float32 columns in a complex128 number, the unit in which rows are copied
@@ -144,7 +146,8 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
     """Copy the values from which candidate distances are computed to the first k rows of the table, before the round
     changes any distance. active (k,) uint32: the active nodes, one per row.
 
-    distance, bend (n + 1,) float32: as in ``Front``.
+    distance, bend (n + 1,) float32: the fields of ``Front``: each node's distance from the source, and the distance at
+    which the front last turned on its way to the node.
     """
     near, fan, table = fans.near, fans.fan, rows.table
     for k in range(len(active)):

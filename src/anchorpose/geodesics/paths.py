@@ -31,7 +31,7 @@ def came_from(
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    # these are int64 from the start, so that the functions called with them are compiled for one type only
+    # these node numbers are int64 from the start, so that the functions called with them are compiled for a single type
     one, other = np.int64(-1), np.int64(-1)
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])

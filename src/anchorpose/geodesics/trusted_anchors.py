@@ -1,12 +1,12 @@
 """Decide which of a node's distances to the anchors can be trusted. Behind a hole in the surface they are too long,
 since the path must go around the hole.
 
-A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
-bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
-plane, with the anchor at the origin and the path's first piece along the first axis; there the path is a chain of
-straight pieces. Over the complete skin, the path would be the chord: the straight line from the anchor to the node. The
-detour is the path's length minus the length of this chord. The computation assumes that the hole is as flat as the skin
-around it.
+The path from an anchor to a node is a detour if it touches the rim of a hole in the surface and bends towards the hole.
+All nodes behind the bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path
+is laid flat into a plane, with the anchor at the origin and the path's first piece along the first axis; there the path
+is a chain of straight pieces. Over the complete skin, the path would be the chord: the straight line from the anchor to
+the node. The detour is the path's length minus the length of this chord. The computation assumes that the hole is as
+flat as the skin around it.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Write to ``bend`` and ``chain`` the node's place in the plane into which its path from the anchor is laid flat,
-    if the path bends around a hole.
+    """If the path from the anchor to a node bends around a hole, write to ``bend`` and ``chain`` where the node lies in
+    the plane into which this path is laid flat, and at which rim nodes the path bends.
 
     edge: the last edge that the path crosses before the node: its ends a and b, where the path crosses it as a share of
     the way from a to b, and whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close
@@ -304,7 +304,8 @@ def _set_heading(
     """Write to ``bend`` the direction of the last piece of the path to a node; this piece begins on the edge between
     two other nodes.
 
-    The direction stays 0 after a link, since a path across a hole does not bend around the hole.
+    After a link (an edge that crosses a gap or a hole), the direction stays 0, since a path across a hole does not bend
+    around the hole.
     """
     a, b = edge
     for axis in range(3):

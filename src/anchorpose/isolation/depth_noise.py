@@ -170,7 +170,8 @@ class DepthNoise:
         """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing the
         camera.
 
-        sigma / z^2 is linear between measured depths and constant beyond them.
+        The ratio sigma / z^2 is interpolated linearly between the depths at which it was measured, and constant beyond
+        them.
         """
         depth = np.asarray(depth_m, np.float64)
         per_square = np.interp(depth, self.at_m, np.divide(self.sigma_at_m, np.square(self.at_m)))

@@ -44,8 +44,8 @@ def label_hidden_limbs(
     """Give separate pieces without a person's label the patient's label where a hidden limb is more probable than an
     unknown object; return the changed views.
 
-    Because of this label, the body model is then fitted to the piece, too. If no pose of the limb fits the piece, the
-    fitted body will not cover the piece.
+    Because of the patient's label, the body model is then fitted to such a piece, too. If no pose of the limb fits the
+    piece, the fitted body will not cover the piece.
     """
 
     def labelled(pixels: Pieces | None, view: View | None) -> View | None:

@@ -22,8 +22,8 @@ STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
 # whichever is larger. SAME_M allows for an error of the learnt room by one step between depth values
 SAME_M, SAME_SIGMAS = 0.05, 6.0
 FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
-# minimum share of the image in which the room's depth is known; with less, the images are not tested. Recording
-# software may have removed the room from the images, except some objects
+# minimum share of the image in which the room's depth is known; with less, the images are not tested. For example,
+# recording software may have removed the room, except some objects, from the images
 LEAST_KNOWN: Final = 0.2
 LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; the images of cameras with less are not tested
 # the camera counts as covered if the share of pixels that show the room is less than this factor times ``usual_share``.

@@ -20,8 +20,8 @@ SAMPLING_M: Final = 0.01
 # sigmas, maximum distance of a skin point from a place; where the likelihoods of several people are compared, farther
 # points do not count. A place without a skin point in reach gets its owner by region growing
 GATE: Final = 3.0
-# minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
-# 2 log(sigma), which ``decide_ownership`` compares
+# minimum lead of the most likely owner over all other people. The lead is the difference between two people's values of
+# (d / sigma)^2 + 2 log(sigma), where d is the distance from a person's skin (``decide_ownership``)
 LEAST_LEAD: Final = 2.0
 
 
@@ -104,11 +104,12 @@ def decide_ownership(
 ) -> np.ndarray:
     """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
 
-    If all skin in a place's cell and the 26 cells around it belongs to one person, that person owns the place.
-    Otherwise the most likely owner is chosen, but only where ``compared`` (m,) bool is True. The most likely owner is
-    the person with the least (d / sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin.
-    This value must be less than the value of every other person by at least ``least_lead``, otherwise the place has no
-    clear owner. Skin farther away than ``gate`` times its sigma does not count.
+    Space is divided into cubes (cells). If all skin in the cell of a place and in the 26 cells around this cell belongs
+    to one person, that person owns the place. Otherwise the most likely owner is chosen, but only where ``compared``
+    (m,) bool is True. The most likely owner is the person with the least (d / sigma)^2 + 2 log(sigma), where d is the
+    distance of the place from the person's skin. This value must be less than the value of every other person by at
+    least ``least_lead``, otherwise the place has no clear owner. Skin farther away than ``gate`` times its sigma does
+    not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -198,8 +198,8 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
     """Return (height, width) bool: pixels that have no reading because the recorder removed them as part of the room.
 
-    Such recorders also remove feet together with the floor. So the result leaves out the pixels up to ``FEET_M`` above
-    the lowest foreground pixel, and all pixels below.
+    Recorders that remove the room also remove feet, together with the floor. So the result leaves out the pixels up to
+    ``FEET_M`` above the lowest foreground pixel, and all pixels below.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

@@ -28,8 +28,8 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels, step in rows and columns between the pixels that likelihoods decide near the skin of several people; the other
-# pixels are decided by region growing
+# pixels; where the skin of several people is near, likelihoods decide only the pixels in every second row and column;
+# the other pixels are decided by region growing
 DECISION_PX: Final = 2
 # m, maximum distance of a detached piece from its person: a bar's width plus the distance that a hidden forearm moves
 DETACHED_M: Final = 0.12
@@ -43,7 +43,7 @@ FIRST_EARLIER_LABEL: Final = 128
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
     """Label each camera's pixels by person in a single frame, without knowledge from other frames.
 
-    The patient is the person nearest to the chosen place.
+    The patient is the person nearest to the place in ``choice``.
     """
     return label_people(pieces, people, by_distance(people, choice.ground_xz_m))
 

@@ -209,8 +209,9 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """Return, for each component (count,) of lost readings, how many of the pixels ``rim`` (r,: flat indices) lie
-    within a disc (5, 5) of it, and how many of these show the patient.
+    """Return two arrays (count,), with one value for each connected component of lost readings: how many of the pixels
+    ``rim`` (r,: flat indices) lie within a disc (5, 5) around a pixel of the component, and how many of these pixels
+    show the patient.
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)

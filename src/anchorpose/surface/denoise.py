@@ -19,8 +19,8 @@ MAX_STEP: Final = 0.02
 # maximum share of readings that equal the reading two pixels further in the row; if more are equal, readings differ by
 # whole grey values, not by noise
 QUANTISED_SHARE: Final = 0.3
-# sigmas of the noise; a neighbour whose depth differs from the centre pixel's by more has no weight. The value is twice
-# the usual 3, since the centre pixel is noisy, too
+# sigmas of the noise; a neighbour whose depth differs from the centre pixel's by more has no weight. The limit is twice
+# the usual 3 sigmas, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of a surface whose neighbouring pixels are connected; steeper skin is few pixels wide, and at
 # the edge of an arm the depth jumps by more than on such a slope

@@ -61,8 +61,8 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
 REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# factor on the part of a node's distance from a skin point that lies along the point's normal. The part along the skin
-# has less weight, since nodes may lie between skin points
+# factor on the part of a node's distance from a skin point that lies along the point's normal. The part of the distance
+# along the skin has less weight, since nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
 # m; two skin points are both candidates for a node if their distances from the node differ by less than this
 AMBIGUOUS_M: Any = np.float32(0.04)
@@ -70,8 +70,8 @@ AMBIGUOUS_M: Any = np.float32(0.04)
 FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
-# exceeds 90 degrees, since rays at the image's border slant
+# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. This limit
+# exceeds 90 degrees, since the rays at the image's border are not parallel to the optical axis
 LEAST_FACING: Any = np.float32(-0.5)
 # factor on the width that a pixel covers on the expected skin nearest to the camera; the product is the minimum width
 # that a pixel is assumed to cover at a node. The factor is below 1, since a node may be nearer to the camera than all
@@ -84,8 +84,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: ambiguous skin points, which are near other skin in space but far from it along the body. A
     node near such a point may show the point or the other skin.
 
-    Near means within twice ``AMBIGUOUS_M``. If the predicted skin is off by more than ``AMBIGUOUS_M``, some ambiguous
-    points are not found.
+    Two skin points are near each other in space if they are less than twice ``AMBIGUOUS_M`` apart. If the predicted
+    skin is off by more than ``AMBIGUOUS_M``, some ambiguous points are not found.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -127,8 +127,8 @@ def _candidates(
     """Return (n, 2) int32: the nearest skin point of each node and, if this point is ambiguous, the nearest skin point
     far from it on the body.
 
-    The search starts around the node's own pixel, then covers all pixels that may have a nearer point than the best so
-    far.
+    The search for the skin point nearest to a node starts around the node's own pixel, then covers all pixels that may
+    have a nearer point than the nearest point so far.
     """
     points, landmarks, cols = mesh.points_m, skin.landmarks_m, grid.cols
     found = np.full((len(points), 2), -1, np.int32)
@@ -271,9 +271,9 @@ def add_hidden_skin(
     seen nodes. The added nodes have links, but no ring of grid neighbours.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
-    if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
-    skin point that they show. This skin point becomes a node, too, even if a camera sees through its place: the
-    predicted outline may be a few pixels too wide.
+    if no node shows it and some camera sees through its place, that is, reads a surface more than ``SEEN_THROUGH_M``
+    behind it. Nodes at the rim of the seen surface are linked to the skin point that they show. This skin point becomes
+    a node, too, even if a camera sees through its place: the predicted outline may be a few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -344,8 +344,8 @@ def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np
     = no new node. shown (k,): the piece of mesh of a node that shows the point, -1 if no inner node (a node off the
     rim) shows the point.
 
-    A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
-    or a neighbouring skin point that no inner node shows becomes a new node.
+    A skin point that an inner node (a node off the rim) shows becomes a new node in two cases only. Either a node at
+    the rim shows it, too, or a neighbouring skin point that no inner node shows becomes a new node.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
@@ -382,7 +382,7 @@ def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray)
     """Return the links (m, 2) between the new nodes (of hidden skin), and from seen nodes at the rim to new nodes, and
     the lengths (m,) float32 of these links.
 
-    Two skin points that one piece of mesh shows are not linked, since the mesh connects them.
+    Two skin points that nodes of the same piece of mesh show are not linked, since the mesh connects them.
     """
     skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
     most = len(pairs) + len(skin)

@@ -1,6 +1,7 @@
 """Link parts of the surface that are separate in the depth frame but connected on the body.
 
-For example, a bar in front of the shins hides a strip of the leg, and a chin stands out in front of the neck.
+For example, a bar in front of the shins hides a strip of the leg, and a chin stands out in front of the neck, so that
+the depth jumps there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
-# the gap's width. Two nodes on a single shin have a smaller distance, nodes on two legs a far larger distance
+# the gap's width. On both sides of a bar, two nodes on the same shin are nearer than this to each other's tangent
+# plane; two nodes on different legs are much farther away from it
 MAX_DEPARTURE: Final = 0.35
 # m, added to the maximum distance from the tangent plane (``MAX_DEPARTURE``), to allow for soft tissue and noise beside
 # a narrow bar
@@ -26,8 +28,8 @@ MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which reading
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap is wider, one
-# piece merely stands in front of the other piece, and no link is made
+# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap between two
+# pieces is wider than this, one piece merely stands in front of the other piece, and no link is made
 SPREAD: Final = 1.5
 
 

@@ -223,8 +223,8 @@ def faces(surface: Surface) -> np.ndarray:
     """Return the triangles of the mesh (f, 3) int32, with corners counter-clockwise as the camera sees them; each grid
     cell is cut along one diagonal.
 
-    Links have no triangles. A cell is cut along the diagonal that gives more triangles; if both give the same number,
-    along the diagonal down to the right.
+    Links have no triangles. A grid cell is cut along the diagonal that gives more triangles; if both diagonals give the
+    same number, along the diagonal down to the right.
     """
     right, down_left, down, down_right = surface.ring[:, 0], surface.ring[:, 5], surface.ring[:, 6], surface.ring[:, 7]
     left = surface.ring[:, 4]

@@ -27,13 +27,14 @@ from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geo
 from anchorpose.threads import each
 
 # m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. The skin
-# of an arm that lies on the trunk is farther than this from the skin of the trunk
+# of an arm that lies on the trunk is farther than this from the skin of the trunk, so the two are not taken for the
+# same skin
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
 # degrees, maximum angle between the normals that two cameras measure on the same skin, due to noise
 MAX_TURN_DEG: Final = 60.0
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m along the body, maximum distance between the skin points of two nodes on the same skin. It allows for the spacing of
-# skin points; skin points of two thighs are farther apart
+# m along the body, maximum distance between the skin points of two nodes on the same skin. The limit allows for the
+# spacing of skin points; skin points of two thighs are farther apart than this
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 

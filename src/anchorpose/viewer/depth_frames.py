@@ -35,7 +35,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
 
 
 # pixels, distance to each side of a pixel at which depth is read to compute the slope of the surface; both sides
-# together are about 5 cm wide on a surface at 2 m. With fewer pixels, noise would be visible.
+# together are about 5 cm wide on a surface at 2 m. With a smaller distance, noise would be visible in the brightness of
+# the surface.
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 

@@ -240,8 +240,8 @@ def _rows(frames: int, first: int, count: int, most: int) -> slice:
     return slice(first, min(first + count, frames))
 
 
-# Maximum number of bones that move a vertex of the body's skin on the page. If all its bones moved it, the vertex would
-# be elsewhere by at most 5 mm.
+# Maximum number of bones that move a vertex of the body's skin on the page. If all bones with a weight on a vertex
+# moved it, the vertex would be elsewhere by at most 5 mm.
 INFLUENCES: Final = 4
 
 

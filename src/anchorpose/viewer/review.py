@@ -222,9 +222,10 @@ def worst_frames(
     """Return frames to check: first frames with lost joints, then frames with unusable depth images, then frames with
     few matches, then frames with a large sigma.
 
-    matched_share (n,): as in ``Review``. For each kind of reason, the worst frame comes first, then the worst frame
-    that is at least a second away from it, and so on. Of successive frames with unusable depth images (``dropped``),
-    only the first is listed; the longest such series is the worst.
+    matched_share (n,): for each frame, the share of surface points that were matched in the next frame (``Review``).
+    For each kind of reason, the worst frame comes first, then the worst frame that is at least a second away from it,
+    and so on. Of successive frames with unusable depth images (``dropped``), only the first is listed; the longest such
+    series is the worst.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
