@@ -215,13 +215,13 @@ def _through(
     neighbour and a side (E, N, W or S), and the bend (as in ``Front``) of this path. Also return how sharply a path
     turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
-    own, side: distances of the node and of the side from the source; arm, side2: length of the edge from the node to
-    the neighbour, squared length of its edge to the side; dot: the dot product of these two edges. The triangle is laid
-    flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between node and side. In
-    this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside`` = 2 c y;
-    ``area`` is c times the neighbour's height over the edge. If the front has turned around the rim, it comes from the
-    turning point. So the distance at this point (``since``) is subtracted first and added again at the end. The
-    candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
+    own, side: distances of the node and of the side from the source; arm: length of the edge from the node to the
+    neighbour; side2: squared length of the edge from the node to the side; dot: the dot product of these two edges. The
+    triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between node
+    and side. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and
+    ``beside`` = 2 c y; ``area`` is c times the neighbour's height over the edge. If the front has turned around the
+    rim, it comes from the turning point. So the distance at this point (``since``) is subtracted first and added again
+    at the end. The candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since

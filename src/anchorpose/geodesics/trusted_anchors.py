@@ -120,8 +120,8 @@ def _behind(
     ``chain`` the last and the first corner of the path, that is, the rim nodes at which it bends last and first.
 
     at_x, at_y: the place in this plane towards which the path runs from its last corner; last: the last rim node that
-    may be a corner of the path (if the path does not bend there, the corners before it are tried); first: the first
-    corner.
+    may be a corner of the path (if the path does not bend there, the corners before it are tried); first: the corner at
+    which the path bends first.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]

@@ -27,8 +27,8 @@ MEMORY_S: Final = 3.0
 # m, standard deviation of skin about a remembered point, due to noise and to half the spacing of the points
 SIGMA_M: Final = 0.012
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
-# Walking people move faster than this; their pixels are found by region growing (pixels take the label of connected
-# pixels).
+# Walking people move faster than ``SPEED_M_S``; their pixels are found by region growing (pixels take the label of
+# connected pixels).
 SPEED_M_S: Final = 0.30
 # m, maximum gap within one cluster of skin points. This gap is as wide as the strip that a rail hides, so that a head
 # above a rail belongs to the same cluster as the body below

@@ -18,7 +18,8 @@ CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
 # sigmas, maximum distance of a skin point from a place; where the likelihoods of several people are compared, farther
-# points do not count. A place without a skin point in reach gets its owner by region growing
+# points do not count. If no skin point of any person is within this distance, the place gets its owner by region
+# growing
 GATE: Final = 3.0
 # minimum lead of the most likely owner over all other people. The lead is the difference between two people's values of
 # (d / sigma)^2 + 2 log(sigma), where d is the distance from a person's skin (``decide_ownership``)

@@ -28,10 +28,10 @@ LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
 # example, the mesh has a step at the rim of a hand on the trunk
 LEAST_STEP: Final = 0.6
-# m; limits. If they are kept, even an edge without fold or step gives evidence of a contact. The edge's ends must show
-# skin points more than SHOWN_APART_M apart on the body. Each end of the edge must be within SHOWN_NEAR_M of the skin
-# point that it shows (along the skin, the prediction may be off by half a limb) and within SHOWN_OFF_M of the tangent
-# plane there
+# m; if these three limits are kept, even an edge without fold or step gives evidence of a contact. The edge's ends must
+# show skin points more than SHOWN_APART_M apart on the body. Each end of the edge must be within SHOWN_NEAR_M of the
+# skin point that it shows (along the skin, the prediction may be off by half a limb) and within SHOWN_OFF_M of the
+# tangent plane there
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)

@@ -134,8 +134,8 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (k,), with one value for every three neighbouring readings a, z, b of a row: ``|a - 2 z + b|
-    / z**2``, ``|b - a| / z`` and ``|b - a| / z**2``.
+    """Return three arrays (k,), with one value for every three neighbouring readings a, z, b of a row. They are the
+    second difference ``|a - 2 z + b| / z**2``, and the differences ``|b - a| / z`` and ``|b - a| / z**2``.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]

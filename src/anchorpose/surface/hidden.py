@@ -168,10 +168,10 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """Write to ``squared`` the squared distance from node n to each skin point in ``place`` from ``first`` to ``last``
-    - 1. The part of the distance along the skin's normal has more weight (``OFF_PLANE_WEIGHT``). The result is inf if
-    the normals of node and skin differ by more than ``MAX_TURN_DEG``. First and last are unsigned, so that the loop is
-    vectorised.
+    """Write to ``squared`` the squared distance from node n to each skin point in ``place`` from ``first`` on, up to
+    the point before ``last``. The part of the distance along the skin's normal has more weight (``OFF_PLANE_WEIGHT``).
+    The result is inf if the normals of node and skin differ by more than ``MAX_TURN_DEG``. First and last are unsigned,
+    so that the loop is vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
