@@ -74,7 +74,8 @@ UNPREDICTED: Final = 1.0
 # ``HEAD_GATE``); it is less than ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum difference from an anchor's usual place (``PLACES`` and, for hands and feet, ``FROM_HEAD``) at
-# which an extremum can get the anchor's name although it is beyond the gate of the predicted place
+# which an extremum can get the anchor's name although it is farther from the anchor's predicted place than
+# ``AnchorConfig.gate`` (``HEAD_GATE`` for the head)
 CLEAR: Final = 2.0
 # tolerances, maximum difference from a usual value that is counted; larger differences are reduced to it, since a
 # single value may be far off if an arm is crossed over the body or a path is wrong
@@ -148,11 +149,12 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     """Return (5,) int: the number of the extremum that is assigned to each anchor, -1 if the anchor is missed. The
     assignment has the least total cost of all five anchors.
 
-    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted
-    place, divided by the gate (the distance within which the prediction supports the name); NaN without a prediction.
-    excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from
-    the anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is
-    the square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
+    off2 (k, 5): squared difference of each extremum from each anchor's usual place; apart (k, k): distances between the
+    extrema; both are from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted place,
+    divided by the gate (the distance within which the prediction supports the name); NaN without a prediction. excluded
+    (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from the
+    anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is the
+    square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
     missed anchor costs ``MISSED``. If an extremum is farther than the gate from an anchor's predicted place, it gets
     the anchor's name only if this name is clear: the difference from the anchor's usual place is at most ``CLEAR``, and
     the extremum is not closer to the usual place of another anchor. The costs of hands and feet depend on which
@@ -233,7 +235,8 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
-    # depth of an extremum's cap, measured from the tip towards the centre (6 cm, about a fist)
+    # depth of an extremum's cap (the surface around it), measured from the tip towards the body's centre (6 cm, about a
+    # fist)
     cap: Positive = 0.06 / 1.75
     # distance from the predicted place within which an extremum is accepted in any pose; half the length of forearm and
     # hand

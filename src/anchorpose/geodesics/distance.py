@@ -78,7 +78,9 @@ class Stop(NamedTuple):
 
 @njit(cache=True)
 def new_front(count: int) -> Front:
-    """Return a front that has reached no node, on a surface of count nodes."""
+    """Return a front (the edge of the region whose distances are known) that has reached no node yet, on a surface of
+    ``count`` nodes.
+    """
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     size, active = np.zeros(1, np.int64), np.empty(count, np.uint32)
@@ -87,8 +89,8 @@ def new_front(count: int) -> Front:
 
 @njit(cache=True)
 def start_at(front: Front, sources: np.ndarray) -> None:
-    """Reset the front, so that it starts at the nodes ``sources`` (s,) int32, which wait for the first round with the
-    distance 0.
+    """Reset the front, so that it starts at the nodes ``sources`` (s,) int32. These nodes get the distance 0 and wait
+    for the first round.
     """
     front.distance[:] = AWAY
     front.bend[:] = 0.0
@@ -183,8 +185,8 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Give the nodes at the other ends of the active nodes' links the distance of the active node plus the length of
-    the link, where this is shorter.
+    """Follow the links (edges outside the pixel grid) of the active nodes: the node at the other end of a link gets the
+    distance of the active node plus the length of the link, where this is shorter.
     """
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):

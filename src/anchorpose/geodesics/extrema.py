@@ -1,5 +1,5 @@
 """Find the centre of the surface, its geodesic extrema (the ends of limbs; paper, Section IV-B, after Definition 2),
-and the cap of each extremum.
+and the cap of each extremum (the surface around it).
 
 An extremum is a single node: of many nodes that are almost equally far from the centre, it is the farthest. The surface
 around an extremum, its cap, has a more stable centre and shows whether the limb really ends there.
@@ -86,8 +86,8 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 at which ``field`` is larger than at all their neighbours, on the grid and across
-    links.
+    """Return the nodes (k,) int32 at which ``field``, the distance from the centre, is larger than at all their
+    neighbours, on the grid and across links.
     """
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)

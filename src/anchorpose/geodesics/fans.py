@@ -1,5 +1,5 @@
-"""Prepare the fan of each node, and compute the distances from the source that the node can pass on to its neighbours.
-A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
+"""Prepare the neighbourhood (fan) of each node, and compute the distances from the source that the node can pass on to
+its neighbours. A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
 
 The ring of a node is numbered counter-clockwise: places 0 to 7 are the neighbours E NE N NW W SW S SE. Its eight edges
 and sixteen triangles are computed in parallel, one neighbour per lane of the processor's vector registers, in the order
@@ -63,7 +63,9 @@ FUSED: Final = {"contract", "nsz", "arcp"}
 
 
 class Fans(NamedTuple):
-    """The fans of all n nodes; the fan of a node is filled in when a front first reaches the node."""
+    """The fans of all n nodes: each node's ring of neighbours, with the edges and triangles between them. The fan of a
+    node is filled in when a front first reaches the node.
+    """
 
     near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
     fan: np.ndarray  # (n, 24) float32, columns from ``EDGE2``, ``DOT_LEFT`` and ``DOT_RIGHT`` on
@@ -84,7 +86,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True)
 def empty_fans(count: int) -> Fans:
-    """Return empty fans for a surface of ``count`` nodes."""
+    """Return the fans (neighbourhoods) of a surface of ``count`` nodes, none of which is filled in yet."""
     near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     return Fans(near, fan, np.full(count, NOT_FILLED), np.empty((LANES, 3), np.float32), fan.view(np.complex128))
 
@@ -98,8 +100,8 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of all active nodes whose fans no earlier round filled. Fans are not filled in advance, so that a
-    front that stops early fills few fans.
+    """Fill the fans (neighbourhoods) of all active nodes whose fans no earlier round filled. Fans are not filled in
+    advance, so that a front that stops early fills few fans.
     """
     for k in range(len(active)):
         node = active[k]
@@ -143,8 +145,8 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 
 @njit(cache=True)
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
-    """Copy the values from which candidate distances are computed to the first k rows of the table, before the round
-    changes any distance. active (k,) uint32: the active nodes, one per row.
+    """Copy the values from which the candidate distances of the active nodes' neighbours are computed to the first k
+    rows of the table, before the round changes any distance. active (k,) uint32: the active nodes, one per row.
 
     distance, bend (n + 1,) float32: the fields of ``Front``: each node's distance from the source, and the distance at
     which the front last turned on its way to the node.

@@ -21,8 +21,8 @@ def came_from(
     node: int,
 ) -> tuple[int, int, float]:
     """Return the point from which the shortest path reaches a node, as two nodes a, b and a share: the point (1 -
-    share) a + share b on an edge of the node's ring, or a single node (a = b). Both nodes are -1 if no neighbour is
-    nearer to the source.
+    share) a + share b on an edge between two of the node's neighbours, or a single neighbour (a = b). Both nodes are -1
+    if no neighbour is nearer to the source.
 
     points (n, 3 or more) float32: the places in the first columns; ring, link_start, link_node and link_length: fields
     of ``MeshArrays``, passed separately to save time, since this function is called for every node; distance (n,)

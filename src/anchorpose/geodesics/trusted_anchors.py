@@ -256,7 +256,8 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        # nodes whose path may bend: open rim nodes, and nodes next to a rim or shadow node that is nearer to the anchor
+        # nodes whose path may bend: open rim nodes, and nodes next to an open rim node, or a node in a shadow, that is
+        # nearer to the anchor
         affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)

@@ -21,8 +21,9 @@ SAMPLE_PX: Final = 3
 # m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin also counts as hidden from a
 # camera if the camera's reading lies more than ``CELL_M`` in front of this skin
 CELL_M: Final = 0.05
-# s, time for which hidden skin is remembered. A person who passes near the camera, or stops there, hides other people
-# for two seconds; after three seconds, the hidden people's places are uncertain by about a metre, at ``SPEED_M_S``
+# s, time for which skin that is hidden from all cameras is remembered. A person who passes near the camera, or stops
+# there, hides other people for two seconds; after three seconds, the hidden people's places are uncertain by about a
+# metre, at ``SPEED_M_S``
 MEMORY_S: Final = 3.0
 # m, standard deviation of skin about a remembered point, due to noise and to half the spacing of the points
 SIGMA_M: Final = 0.012
@@ -126,7 +127,7 @@ def update_memory(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Update the memory by one more frame.
+    """Update the memory of people's skin by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``. Skin that was not seen again is forgotten if it
     lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``). Clusters of skin

@@ -178,8 +178,9 @@ class DepthNoise:
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factor on sigma at each slant. If a class of slants has no measured factor, it gets the factor of
-        the class with the next smaller slant.
+        """Return, for each slant of a surface, the factor by which sigma on a surface that faces the camera is
+        multiplied. If a class of slants has no measured factor, it gets the factor of the class with the next smaller
+        slant.
         """
         times = [1.0]
         for slant in self.slants:
@@ -305,8 +306,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return (sigma, median depth), metres, of each cell; keys are (number of the depth bin, slant). Cells with too few
-    readings, or without noise, are left out.
+    """Return (sigma, median depth), metres, of each cell, that is, of each pair of a depth bin and a class of slant;
+    keys are (number of the depth bin, slant). Cells with too few readings, or without noise, are left out.
     """
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]

@@ -269,9 +269,9 @@ def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
-    grey values. Room and reading are each rounded by half a step, so two neighbouring grey values may stand for the
-    same depth.
+    """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step, the
+    depth difference between successive grey values. Room and reading are each rounded by half a step, so two
+    neighbouring grey values may stand for the same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 

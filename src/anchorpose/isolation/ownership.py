@@ -103,7 +103,8 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, that is, the person whose skin is there;
+    ``NOBODY`` if no owner is clear.
 
     Space is divided into cubes (cells). If all skin in the cell of a place and in the 26 cells around this cell belongs
     to one person, that person owns the place. Otherwise the most likely owner is chosen, but only where ``compared``

@@ -66,7 +66,8 @@ def flat_pieces(
         if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # points over a width w have variance w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
-        # area as if the piece faced the camera; it is less than the true area, so a slanting board may be missed
+        # this is the area that the piece would have if it faced the camera; it is less than the true area, so a
+        # slanting board may be missed
         facing = area[large]
         flat[large] = facing > LEAST_FILLED * sides[0] * sides[1]
     return flat[piece]
@@ -133,7 +134,8 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """Return the pieces of all cameras at one moment; None for a camera without a frame."""
+    """Return the people's pixels, in connected pieces, of all cameras at one moment; None for a camera without a frame.
+    """
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)

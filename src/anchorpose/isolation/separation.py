@@ -120,7 +120,8 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Give each piece without an owner to the person whose skin, seen by any camera, it nearly touches."""
+    """Give the pixels of each piece that have no owner to the person whose skin, seen by any camera, they nearly touch.
+    """
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -161,9 +162,9 @@ def _with_newcomers(
     next_label: int,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Give newcomers a label; return all owners. A newcomer is a person that the descriptor finds at pixels of which
-    most have no owner. The label is new. But if most of these pixels lie where the patient was seen last, the patient's
-    predicted place was wrong, and the newcomer gets the patient's label.
+    """Give newcomers a label; return the owners (n,) of each camera's foreground pixels. A newcomer is a person that
+    the descriptor finds at pixels of which most have no owner. The label is new. But if most of these pixels lie where
+    the patient was seen last, the patient's predicted place was wrong, and the newcomer gets the patient's label.
     """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:

@@ -103,8 +103,8 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts that are cut. skin (n,)
-    int32: the field of ``Surface``.
+    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts (between touching parts of
+    the body) that are cut. skin (n,) int32: the field of ``Surface``.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)

@@ -25,8 +25,9 @@ RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of a surface whose neighbouring pixels are connected; steeper skin is few pixels wide, and at
 # the edge of an arm the depth jumps by more than on such a slope
 MAX_SLANT_DEG: Final = 76.0
-# allowance for noise in the jump limit, in sigmas of the raw noise. Beside an edge, smoothing halves the noise, so two
-# sigmas of raw noise are about four sigmas of the smoothed depth
+# sigmas of the raw noise, allowance for noise in the jump limit (the largest depth difference between neighbouring
+# pixels on the same skin). Beside an edge, smoothing halves the noise, so two sigmas of raw noise are about four sigmas
+# of the smoothed depth
 JUMP_SIGMAS: Final = 2.0
 
 

@@ -66,7 +66,8 @@ MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
 # m; two skin points are both candidates for a node if their distances from the node differ by less than this
 AMBIGUOUS_M: Any = np.float32(0.04)
-# m along the body, minimum distance between two candidates; skin points nearer to each other need not be distinguished
+# m along the body, minimum distance between a node's two candidate skin points; skin points nearer to each other need
+# not be distinguished
 FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing

@@ -111,7 +111,7 @@ class Nodes(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A camera's nodes on their grid."""
+    """The nodes of a camera, by their places on the grid of every ``step``-th pixel."""
 
     node: np.ndarray  # (rows, cols) int32, the node at every ``step``-th pixel, -1 = no node
     step: int  # pixels between neighbouring nodes
