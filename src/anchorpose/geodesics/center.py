@@ -1,5 +1,5 @@
-"""Compute the geodesic distance of every node from the body's centre, and the paths along which this distance decreases
-from the ends of limbs to the centre.
+"""Compute the geodesic distance (along the surface) of every node from the body's centre, and the paths from the ends
+of limbs to the centre, along which this distance decreases.
 
 The paper measures from a single node, V_c (Section IV-B), so pieces of surface that are not connected to this node have
 no distance and no extremum (a node farther from the centre than all nodes around it). Here the distance on such a

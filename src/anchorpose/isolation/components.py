@@ -24,8 +24,8 @@ class JumpLimit(NamedTuple):
     slope: float  # factor of z: change of depth per pixel on the steepest surface that returns a reading
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """Return, for each pixel of ``depth_m``, the largest depth difference from a neighbouring pixel of the same
-        surface, in an array of the same shape.
+        """Return, for each pixel of ``depth_m``, by how much the depth of a neighbouring pixel may differ if both show
+        the same surface, in an array of the same shape.
         """
         return self.square * depth_m**2 + self.slope * depth_m
 

@@ -80,8 +80,8 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Write the owner of each point to the point's cell of ``around`` and to the 26 cells around it; a cell with
-    several owners gets ``MIXED``. All points must be at least one cell away from the lower border of the grid.
+    """Write the owner of each skin point to the point's cell in ``around`` and to the 26 cells around this cell; a cell
+    that gets several owners is ``MIXED``. All points must be at least one cell away from the lower border of the grid.
     """
     before = np.full(3, -1, np.int64)
     whose = 0

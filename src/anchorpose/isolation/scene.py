@@ -134,8 +134,7 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """Return the people's pixels, in connected pieces, of all cameras at one moment; None for a camera without a frame.
-    """
+    """Return the people's pixels (``Pieces``) of all cameras at one moment; None for a camera without a frame."""
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)

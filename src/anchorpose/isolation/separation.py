@@ -120,7 +120,8 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Give the pixels of each piece that have no owner to the person whose skin, seen by any camera, they nearly touch.
+    """Give the pixels of each piece that have no owner to the person whose skin, as seen by any camera, these pixels
+    nearly touch.
     """
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):

@@ -65,8 +65,9 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells of the grid. Of these cells, at most 2
-    ``margin`` may be neither a node nor hidden by equipment.
+    """Compute ``bridge_pairs`` in compiled code: the nodes of a pair are at most ``longest`` + 2 ``margin`` grid steps
+    apart. The places of the grid between them have no node; at most 2 ``margin`` of these places may be visible, that
+    is, not hidden by equipment.
     """
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
@@ -186,7 +187,7 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
 
 
 def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Return pairs (k, 2) of grid neighbours that are on different pieces."""
+    """Return pairs (k, 2) of nodes that are grid neighbours but on different pieces of surface."""
     rows, cols = index.shape
     found = []
     for down, right in FORWARD:

@@ -319,7 +319,9 @@ class CorrectionFile:
         self.current()
 
     def current(self) -> Corrections:
-        """Return the present content of the file; the initial corrections if the file does not exist yet."""
+        """Return the present content of the file of corrections; if the file does not exist yet, return the initial
+        corrections.
+        """
         if not self.path.exists():
             return self.initial
         found = read_corrections(self.path)
