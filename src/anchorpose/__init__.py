@@ -49,7 +49,7 @@ __all__ = [
 
 
 def _is_writable(folder: str) -> bool:
-    """Return whether files can be written in a folder or, if the folder is missing, whether it can be made."""
+    """Return whether files can be written in a folder or, if the folder is missing, whether the folder can be made."""
     folder = os.path.abspath(folder)
     while not os.path.exists(folder) and folder != os.path.dirname(folder):
         folder = os.path.dirname(folder)

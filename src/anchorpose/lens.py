@@ -41,8 +41,8 @@ _SIZE: Final = 27  # number of entries of a lens array (``lens_array``)
 _STEPS: Final = 20  # maximum number of steps of Newton's method; inside the valid radius, five are enough
 # pixels, maximum distance of a ray's projection from the pixel at which Newton's method has found the pixel's ray
 _EXACT_PX: Final = 1e-6
-# Column and row of a ray without a pixel, far outside every image. NaN is not used, since compiled code converts the
-# coordinates to integers.
+# Column and row of a ray without a pixel, far outside every image. NaN is not used for these coordinates, since
+# compiled code converts them to integers.
 NOWHERE: Final = -1e6
 _SLOPE: Final = 1e-6  # step in x/z or y/z of a ray, with which the derivative of the projection is computed numerically
 

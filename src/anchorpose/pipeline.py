@@ -3,7 +3,7 @@ pictures of the calibration.
 
 recording -> descriptor -> calibration -> isolation -> surface -> geodesics -> motion -> body -> results -> report
 
-``track_recording`` runs all of them; ``tracker.patient.PatientTracker.step`` does the work on a single frame.
+``track_recording`` runs all stages; ``tracker.patient.PatientTracker.step`` does the work on a single frame.
 """
 
 from __future__ import annotations

@@ -88,8 +88,9 @@ def local_results(given: str | Path) -> Iterator[Path]:
     """If ``given`` is a path, yield it unchanged. If it is an address, yield the path of a local folder to be written,
     whose content is copied to the address when the block ends without an error.
 
-    The folder is copied under a temporary name and then renamed. An address that exists already is refused before any
-    work, and never replaced. Raises InputError and MissingPackage, as ``local_copy`` does.
+    The local folder is copied to the server under a temporary name, and the copy is then renamed. An address that
+    exists already is refused before any work, and never replaced. Raises InputError and MissingPackage, as
+    ``local_copy`` does.
     """
     if not is_address(given):
         yield Path(given)

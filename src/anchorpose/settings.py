@@ -46,7 +46,8 @@ class Unfit(ValueError):
     """The error for a setting that has the right type but a value that cannot be used. It states the problem and the
     remedy.
 
-    key: name of the field with this value. It is needed if the object that contains the field was checked as a whole.
+    key: name of the field with this value; it is needed only if the check was made on the whole object that contains
+    the field, and not on the field alone.
     """
 
     def __init__(self, problem: str, remedy: str, key: str = "") -> None:
@@ -116,8 +117,8 @@ _PLAIN_WORDS: Final = {  # pydantic's words, and the words that replace them in 
 
 
 def _follow(kind: Any, location: tuple[int | str, ...]) -> tuple[str, str, list[str]]:
-    """Return the place of an error in a file, the description of the innermost field at this place, and the field names
-    that are valid there.
+    """Return the place of an error in a file, such as ``cameras[0].name``, the description of the innermost field at
+    this place, and the names of the fields that are allowed there.
     """
     place, meaning, owners, known = "", "", _classes_in(kind), list[str]()
     for step in location:

@@ -57,7 +57,7 @@ def each(work: Callable[..., Result], *arguments: Iterable[object]) -> list[Resu
     """Call ``work`` with the first item of every argument, with the second item of every argument and so on, on the
     threads of ``worker_threads``; return the results in this order.
 
-    A call must not change data that another call reads. Raises the exception of the first call that fails.
+    A call of ``work`` must not change data that another call reads. Raises the exception of the first call that fails.
     """
     calls, workers = list(zip(*arguments, strict=True)), _WORKERS.get()
     if workers is None or len(calls) < 2:

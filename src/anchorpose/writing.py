@@ -182,7 +182,9 @@ def account_of(
     inputs: TrackInputs,
     corrections: CorrectionsRecord | None,
 ) -> RunRecord:
-    """Return the content of run.json. This is called after the tables of all frames were written (``written``)."""
+    """Return the content of run.json. The function is called after the tables of all frames were written; ``written``
+    has the data that were collected meanwhile.
+    """
     room, config, gaps = run.room, run.config, find_gaps(run.room.recording)
     return RunRecord(
         recording=room.recording.folder.resolve().name,
@@ -230,7 +232,7 @@ def _recorded(recording: Recording, config: TrackConfig) -> RecordedSpan | None:
 
 def _cameras(room: Room, source: PoseSource | None) -> tuple[CameraRecord, ...]:
     """Return each camera's record for run.json: the pose and the clock that were used, and where the pose comes from.
-    source: where all poses come from if the user gave them; None if not.
+    source: where all poses come from if the user gave them, in a calibration file or with corrections; None otherwise.
     """
     return tuple(
         CameraRecord(camera.name, camera.T_world_camera, (source or pose.source).value, clock.clock, _depth(scene))

@@ -4,9 +4,9 @@ Definition 2, Section III). An extremum is a node farther from the centre, along
 Three kinds of evidence decide which anchor (which body part) an extremum is. (1) Its place: the distance from the
 centre, the height above the body's middle, and the distance to the left of the middle. (2) Its path to the centre:
 where the path enters the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its
-distance from the predicted place. Each kind of evidence adds to the cost of a name. The cost of (3) is bounded, so the
-prediction decides only if place and path leave open which anchor the extremum is. A wrong prediction therefore does not
-confirm itself.
+distance from the predicted place. Each kind of evidence adds to the cost of giving an anchor's name to an extremum. The
+cost of the third kind is bounded, so the prediction decides only if place and path leave open which anchor the extremum
+is. A wrong prediction therefore does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -31,9 +31,9 @@ HEAD: Final = 0  # index of the head among the anchors
 LIMBS: Final = 4  # number of hands and feet, which follow the head
 
 PLACES: Final = np.array(
-    # columns: distance of the extremum from the centre along the surface; height of the extremum above the body's
-    # middle, and its distance to the left of the middle; height and distance to the left of the place where its path
-    # enters the trunk
+    # the five columns of ``PLACES``: distance of the extremum from the centre along the surface; height of the extremum
+    # above the body's middle, and its distance to the left of the middle; height and distance to the left of the place
+    # where the path from the extremum to the centre enters the trunk
     [
         [0.42, 0.38, 0.00, 0.19, 0.00],
         [0.55, 0.05, 0.22, 0.15, 0.09],
@@ -67,22 +67,23 @@ FROM_HEAD_TOLERANCE: Final = 0.20  # spread of each distance in ``FROM_HEAD``, d
 # not found; if every extremum costs more than this, the anchor is missed
 MISSED: Final = 4.0
 PREDICTION: Final = 1.5  # tolerances, maximum cost added for an extremum's distance from the anchor's predicted place
-# tolerances, cost added if an anchor has no predicted place. The limit ``MISSED`` then allows 3 tolerances from the
-# usual place
+# tolerances, cost added if an anchor has no predicted place; an extremum may then differ from the anchor's usual place
+# by up to 3 tolerances before its cost reaches ``MISSED``
 UNPREDICTED: Final = 1.0
-# tolerances, maximum cost of an extremum within the gate (the distance ``AnchorConfig.gate``, for the head
-# ``HEAD_GATE``) of the predicted place. It is less than ``MISSED``, so that such an extremum can be the anchor in any
-# pose
+# tolerances, maximum cost of an extremum near an anchor's predicted place (within ``AnchorConfig.gate``, for the head
+# ``HEAD_GATE``); it is less than ``MISSED``, so that such an extremum can be the anchor in any pose
 AT_PREDICTION: Final = 3.5
 # tolerances, maximum difference from an anchor's usual place (``PLACES`` and, for hands and feet, ``FROM_HEAD``) at
-# which an extremum can get the anchor's name although it is beyond the gate of the predicted place
+# which an extremum can get the anchor's name although it is farther from the anchor's predicted place than
+# ``AnchorConfig.gate`` (``HEAD_GATE`` for the head)
 CLEAR: Final = 2.0
 # tolerances, maximum difference from a usual value that is counted; larger differences are reduced to it, since a
 # single value may be far off if an arm is crossed over the body or a path is wrong
 FARTHEST_OFF: Final = 3.0
 # tolerances, cost added for hands and feet if no head is found, in place of the cost of their distances from the head
 HEADLESS: Final = 1.5
-# distance from the body's centre, divided by the body height, at which a path is taken to enter the trunk
+# distance from the body's centre along the surface, divided by the body height, at which the path from an extremum is
+# assumed to enter the trunk
 ENTRY: Final = 0.20
 # distance along a path, divided by the body height, between the places that are compared with the places of other paths
 STEP: Final = 0.05
@@ -90,7 +91,9 @@ STEP: Final = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The patient's axes and height: places are measured along these axes, as fractions of this height."""
+    """The patient's upward and leftward directions and height; places on the surface are measured along these
+    directions, as fractions of this height.
+    """
 
     up: np.ndarray  # (3,) unit vector, world
     left: np.ndarray  # (3,) unit vector, world
@@ -98,13 +101,14 @@ class Frame:
 
 
 def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far each extremum (the tip of a cap in ``caps``) is from each anchor's usual place, and the distances
-    between the extrema.
+    """Return how much the place of each extremum differs from the usual place of each anchor, and the distances between
+    the extrema. An extremum is the tip (the farthest node) of a cap in ``caps``.
 
-    The first result is (k, 5) in squared tolerances: the sum of the squared differences from the five usual values in
-    ``PLACES``, each difference limited to ``FARTHEST_OFF``. The second result is (k, k), in body heights. A distance
-    between two extrema runs from the first extremum along its path towards the centre, straight across the trunk, and
-    along the path of the second extremum to this extremum.
+    The first result is (k, 5), with one row per extremum and one column per anchor, in squared tolerances. It compares
+    the five values of an extremum with the five usual values of an anchor, a row of ``PLACES``: the differences, each
+    limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second result is (k, k): the distances between
+    the extrema, in body heights. A distance between two extrema runs from the first extremum along its path towards the
+    centre, straight across the trunk, and along the path of the second extremum to this extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -119,7 +123,7 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
 
 def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: float, reach_m: float) -> np.ndarray:
     """Return (k, l) int: for each extremum, the nodes of its path at the distances 0, ``step_m``, 2 ``step_m`` and so
-    on from the centre. After the end of the path, the extremum is repeated.
+    on from the centre. Where the path is shorter, its end, the extremum, is repeated.
     """
     levels = (step_m * np.arange(max(reach_m / step_m, ENTRY / STEP + 1.0))).astype(np.float32)
     nodes = np.empty((len(tips), len(levels)), np.int64)
@@ -130,9 +134,10 @@ def _path_nodes(surface: Surface, field: CenterField, tips: list[int], step_m: f
 
 
 def _apart(points_m: np.ndarray, from_center_m: np.ndarray, reach_m: np.ndarray) -> np.ndarray:
-    """Return the distance (k, k) between extrema. It is measured along one path to some place, straight from this place
-    to a place on the other path, and along the other path. The places (k, l, 3) on the two paths are chosen so that the
-    sum is least.
+    """Return the distance (k, k) between extrema: the least length of a way along the path of one extremum, straight
+    from a place on this path to a place on the path of the other extremum, and along the other path. points_m (k, l,
+    3): l places on the path of each extremum; from_center_m (k, l): their distances from the centre; reach_m (k,): the
+    distances of the extrema.
     """
     left_m = reach_m[:, None] - from_center_m
     straight = np.linalg.norm(points_m[:, None, :, None] - points_m[None, :, None, :], axis=4)
@@ -144,15 +149,17 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
     """Return (5,) int: the number of the extremum that is assigned to each anchor, -1 if the anchor is missed. The
     assignment has the least total cost of all five anchors.
 
-    off2 (k, 5), apart (k, k): from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted
-    place, divided by the gate (the distance within which the prediction supports the name); NaN without a prediction.
-    excluded (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from
-    the anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is
-    the square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
-    missed anchor costs ``MISSED``. An extremum beyond the gate gets a name only if the name is clear: the difference
-    from the usual place of this anchor is at most ``CLEAR``, and no larger than from the usual place of any other
-    anchor. An assignment is computed for each extremum as the head, and for a missing head; the assignment with the
-    least cost is returned.
+    off2 (k, 5): squared difference of each extremum from each anchor's usual place; apart (k, k): distances between the
+    extrema; both are from ``place_costs``. away (k, 5): distance of each extremum from the anchor's predicted place,
+    divided by the gate (the distance within which the prediction supports the name); NaN without a prediction. excluded
+    (k, 5) bool: extrema that cannot be the anchor. The cost of an extremum as an anchor is its difference from the
+    anchor's usual place, plus at most ``PREDICTION`` for the distance from the predicted place. The difference is the
+    square root of the value in ``off2``; for hands and feet, the value of ``_off_head2`` is added under the root. A
+    missed anchor costs ``MISSED``. If an extremum is farther than the gate from an anchor's predicted place, it gets
+    the anchor's name only if this name is clear: the difference from the anchor's usual place is at most ``CLEAR``, and
+    the extremum is not closer to the usual place of another anchor. The costs of hands and feet depend on which
+    extremum is the head. So an assignment is computed for each extremum as the head, and for a missing head; the
+    assignment with the least cost is returned.
     """
     best, least = np.full(1 + LIMBS, -1), np.inf
     for head in range(-1, len(off2)):
@@ -181,8 +188,8 @@ def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
 
 
 def _off_head2(apart: np.ndarray) -> np.ndarray:
-    """Return (k, 4) squared tolerances: how much each extremum's distance from the head, ``apart`` (k,), differs
-    from each limb's ``FROM_HEAD``.
+    """Return (k, 4) squared tolerances: how much each extremum's distance from the head, ``apart`` (k,), differs from
+    the usual distance (``FROM_HEAD``) of each hand and foot.
     """
     off: np.ndarray = np.minimum(((apart[:, None] - FROM_HEAD) / FROM_HEAD_TOLERANCE) ** 2, FARTHEST_OFF**2)
     return off
@@ -206,15 +213,15 @@ class Anchors:
     place is never guessed.
     """
 
-    # (5,) int32, index into the surface, -1 = missed: of the nodes of the extremum's cap (the surface around it), the
-    # node nearest to the cap's centre. Distances of other nodes from this node change from frame to frame half as much
-    # as their distances from the extremum.
+    # (5,) int32, index into the surface, -1 = missed: the node nearest to the centre of the anchor's cap (the surface
+    # around the extremum). The centre of a cap is steadier than the extremum: from frame to frame, distances of other
+    # nodes from the node at the centre change half as much as their distances from the extremum.
     node: np.ndarray
     # (5, 3) float64 world, centre of the anchor's cap (the surface around the extremum); NaN if missed
     position_m: np.ndarray
     sigma_m: np.ndarray  # (5,) float64, standard deviation of the centre per axis; NaN if missed
-    # extrema that got no name although a limb ends there: the surface is not cut off at them, and hidden skin does not
-    # continue beyond them. The extremum farthest from the centre comes first
+    # caps of the extrema that got no anchor's name although a limb ends there (``_no_end_of_a_limb``); the cap of the
+    # extremum farthest from the centre comes first
     free: tuple[Cap, ...] = ()
 
     @property
@@ -228,7 +235,8 @@ class AnchorConfig:
     """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
-    # depth of an extremum's cap, measured from the tip towards the centre (6 cm, about a fist)
+    # depth of an extremum's cap (the surface around it), measured from the tip towards the body's centre (6 cm, about a
+    # fist)
     cap: Positive = 0.06 / 1.75
     # distance from the predicted place within which an extremum is accepted in any pose; half the length of forearm and
     # hand
@@ -236,8 +244,8 @@ class AnchorConfig:
 
 
 # distance from the head's predicted place within which an extremum is accepted in any pose (gate), divided by the body
-# height. It is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm away, must not
-# be mistaken for the head
+# height. The head's gate is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm
+# away, must not be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum within this distance of an anchor's predicted place can be the anchor
 # even if an object cuts the surface off there, or if hidden skin continues beyond it
@@ -263,10 +271,10 @@ def find_anchors(
     predicted place of each anchor, NaN if unknown; None without predictions. missing (5,) bool: anchors of limbs that
     the patient lacks.
 
-    Names are assigned with the least total cost (``name_extrema``). An anchor is missed if the cost of every extremum
-    is too high. On a surface without seen nodes, all anchors are missed. The direction ``facing`` decides which side is
-    left. If this direction is wrong by half a turn, left and right of all anchors are exchanged, and the result does
-    not show this.
+    The anchors' names are assigned to extrema so that the total cost is least (``name_extrema``). An anchor is missed
+    if the cost of every extremum is too high. On a surface without seen nodes, all anchors are missed. The direction
+    ``facing`` decides which side is left. If this direction is wrong by half a turn, left and right of all anchors are
+    exchanged, and the result does not show this.
     """
     config = config or AnchorConfig()
     if surface.seen_count == 0:
@@ -289,8 +297,8 @@ def find_anchors(
 
 
 def _off_prediction(caps: Sequence[Cap], predicted_m: np.ndarray | None) -> np.ndarray:
-    """Return the distance (k, 5), in metres, of each extremum from the predicted place of each anchor; NaN without a
-    prediction.
+    """Return the distance (k, 5), in metres, from the centre of each cap (the surface around an extremum) to the
+    predicted place of each anchor; NaN without a prediction.
     """
     if predicted_m is None:
         return np.full((len(caps), len(ANCHOR_NAMES)), np.nan)
@@ -313,8 +321,8 @@ def anchor_descriptor(
 
 
 def _named(surface: Surface, caps: Sequence[Cap], chosen: np.ndarray, free: tuple[Cap, ...]) -> Anchors:
-    """Return the anchors at the chosen caps. chosen (5,) int: for each anchor, the number of its cap, -1 = missed;
-    free: as in ``Anchors``.
+    """Return the anchors at the chosen caps (a cap is the surface around an extremum). chosen (5,) int: for each
+    anchor, the index of its cap in ``caps``, -1 = missed; free: the caps without a name, for ``Anchors``.
     """
     anchors = replace(no_anchors(), free=free)
     for name, number in enumerate(chosen):
@@ -336,8 +344,8 @@ def _no_end_of_a_limb(surface: Surface, field: CenterField, caps: Sequence[Cap])
     not end there.
 
     If the cap's connected piece of surface contains hidden (predicted) skin, this skin decides whether the limb
-    continues beyond the cap, since it is more reliable than an edge in the depth frame. In such a piece every cap may
-    be the head, since hidden skin continues beyond every head.
+    continues beyond the cap, since it is more reliable than an edge in the depth frame. But hidden skin continues
+    beyond every head, so it never prevents a cap from being the head.
     """
     hidden = np.unique(field.piece[surface.seen_count :])
     closed = np.isin(field.piece[[cap.tip for cap in caps]], hidden)

@@ -1,5 +1,5 @@
-"""Compute the geodesic distance of every node from the body's centre, and the paths along which this distance decreases
-from the ends of limbs to the centre.
+"""Compute the geodesic distance (along the surface) of every node from the body's centre, and the paths from the ends
+of limbs to the centre, along which this distance decreases.
 
 The paper measures from a single node, V_c (Section IV-B), so pieces of surface that are not connected to this node have
 no distance and no extremum (a node farther from the centre than all nodes around it). Here the distance on such a
@@ -51,11 +51,12 @@ def center_field(surface: Surface) -> CenterField:
     """Return the geodesic distance of every node from the centre. It is finite on every connected piece of surface that
     shows enough skin.
 
-    The main piece has the most seen nodes; V_c is its node nearest to the average position of all seen nodes. The other
-    pieces are joined one after another. The next piece is always the piece with the narrowest gap to the joined pieces
-    (Euclidean distance of nodes, hidden skin included). The distance at a node of such a piece is the sum of the
-    distance at the gap's other side, the width of the gap, and the distance along the piece. A piece that shows less
-    than ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface without seen nodes.
+    The main piece of the surface is the piece with the most seen nodes; the centre, V_c, is its node nearest to the
+    average position of all seen nodes. The other pieces are joined one after another. The next piece is always the
+    piece with the narrowest gap to the joined pieces (Euclidean distance of nodes, hidden skin included). The distance
+    at a node of such a piece is the sum of the distance at the gap's other side, the width of the gap, and the distance
+    along the piece. A piece that shows less than ``LEAST_AREA_M2`` is left out. Raises DegenerateGeometry on a surface
+    without seen nodes.
     """
     if surface.seen_count == 0:
         raise DegenerateGeometry("a surface without seen nodes has no centre")
@@ -116,12 +117,13 @@ def _join(
 
 
 def limb_path(surface: Surface, field: CenterField, end: int) -> np.ndarray:
-    """Return the nodes (k,) int32 from ``end`` to the centre, along which the distance from the centre decreases.
+    """Return the path from the node ``end`` to the centre: nodes (k,) int32, whose distance from the centre decreases
+    along the path.
 
     From every node the path continues to the neighbour, on the grid or across a link, through which the way to the
-    centre is shortest; at the root of a separate piece, the path continues on the other side of the gap. The path
-    consists of nodes, so it is up to 8 % longer than the geodesic. Raises ValueError if ``end`` is not connected to the
-    centre.
+    centre is shortest; at the root of a separate piece (the node from which distances on the piece are measured), the
+    path continues on the other side of the gap. The path consists of nodes, so it is up to 8 % longer than the
+    geodesic. Raises ValueError if ``end`` is not connected to the centre.
     """
     if not (0 <= end < len(surface) and np.isfinite(field.distance_m[end])):
         raise ValueError(f"node {end} of {len(surface)} has no distance from the centre")

@@ -1,19 +1,19 @@
 """Compute geodesic distances (lengths of the shortest paths along a surface) by fast marching with unfolding (paper, gd
 of Section III).
 
-The mean error of a distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at the
-source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with two
-neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known distances
-from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's pixel grid,
-for example between two cameras' nodes), the link's length is added.
+The mean error of a computed distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at
+the source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with
+two neighbours whose distances are known. The triangle is laid into a plane, in which the source lies at the known
+distances from both neighbours; this is exact where the surface is flat. Across a link (an edge outside the camera's
+pixel grid, for example between two cameras' nodes), the link's length is added.
 
-The usual algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the front advances in
-rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the round's distance
-threshold are active: each computes candidate distances (``fans``) of the nodes of its ring (its eight neighbours), in
-parallel in the processor's vector registers. A node whose distance is reduced waits again, even if it was active
-before. The active nodes form a band along the front. This band is narrower than an edge, so fewer than 2 nodes in 100
-are active twice. Within a round no node uses another node's new distance, so the result does not depend on the order of
-the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
+The usual fast marching algorithm takes one node after the other from a heap, so it cannot run in parallel. Here the
+front advances in rounds. A node with a new distance waits for a later round. In a round, all waiting nodes below the
+round's distance threshold are active: each computes candidate distances of its ring, that is, its eight neighbours
+(``fans``). The eight are computed in parallel, in the processor's vector registers. A node whose distance is reduced
+waits again, even if it was active before. The active nodes form a band along the front. This band is narrower than an
+edge, so fewer than 2 nodes in 100 are active twice. Within a round no node uses another node's new distance, so the
+result does not depend on the order of the nodes. Source of the rounds: Kim 2001 (doi:10.1137/S1064827500367130).
 """
 
 from __future__ import annotations
@@ -42,14 +42,17 @@ from anchorpose.geodesics.fans import (
 from anchorpose.surface.surface import MeshArrays, Surface
 
 _BITS: Final = (np.arange(256)[:, None] >> np.arange(LANES)) & 1
-# (256, 8), one row per value of a byte: the numbers of the byte's eight bits, with the bits that are 1 (set) first. Bit
-# k stands for lane k, that is, for a certain neighbour of a node (``fans``).
+# (256, 8), one row per value of a byte: the numbers 0 to 7 of the byte's bits, first of the bits that are 1 (set), then
+# of the bits that are 0. In such a byte, bit k stands for lane k, that is, for a certain neighbour of a node
+# (``fans``).
 SET_LANES: Final = np.argsort(1 - _BITS, axis=1, kind="stable").astype(np.uint8)
 SET_COUNT: Final = _BITS.sum(axis=1).astype(np.uint8)  # (256,): number of set bits per byte
 
 
 class Front(NamedTuple):
-    """The distances of the nodes that a front has reached so far, and its working memory."""
+    """A front (the edge of the region whose distances are known): the distances of the nodes that it has reached so
+    far, and its working memory.
+    """
 
     distance: np.ndarray  # (n + 1,) float32, ``AWAY`` if not reached
     # (n + 1,) float32, the distance from the source at which the front, on its way to the node, last turned around the
@@ -64,8 +67,8 @@ class Front(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The condition at which a front stops: at the distance ``reach``, or earlier at the first node, other than a
-    source, at which ``field`` is at least ``level``.
+    """The condition at which a front stops: at the distance ``reach`` from its source, or earlier at the first node,
+    other than a source, whose value in ``field`` (a quantity of each node) is at least ``level``.
     """
 
     reach: float  # metres
@@ -75,7 +78,9 @@ class Stop(NamedTuple):
 
 @njit(cache=True)
 def new_front(count: int) -> Front:
-    """Return a front that has reached no node, on a surface of count nodes."""
+    """Return a front (the edge of the region whose distances are known) that has reached no node yet, on a surface of
+    ``count`` nodes.
+    """
     distance, bend = np.full(count + 1, AWAY, np.float32), np.zeros(count + 1, np.float32)
     queued, waiting = np.zeros(count + 1, np.uint8), np.empty(count + LANES + 1, np.uint32)
     size, active = np.zeros(1, np.int64), np.empty(count, np.uint32)
@@ -84,8 +89,8 @@ def new_front(count: int) -> Front:
 
 @njit(cache=True)
 def start_at(front: Front, sources: np.ndarray) -> None:
-    """Reset the front, so that it starts at the nodes ``sources`` (s,) int32, which wait for the first round with the
-    distance 0.
+    """Reset the front, so that it starts at the nodes ``sources`` (s,) int32. These nodes get the distance 0 and wait
+    for the first round.
     """
     front.distance[:] = AWAY
     front.bend[:] = 0.0
@@ -99,10 +104,10 @@ def start_at(front: Front, sources: np.ndarray) -> None:
 
 @njit(cache=True)
 def march_on(mesh: MeshArrays, front: Front, band: float, stop: Stop) -> bool:
-    """Advance the front until every node within ``stop.reach`` has its distance, or until it meets a node at which
-    ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
+    """Advance the front until every node within the distance ``stop.reach`` of the source has its distance, or until
+    the front meets a node whose value in ``stop.field`` is at least ``stop.level``. Return whether it met such a node.
 
-    band: width in metres of the band of nodes that are active at once.
+    band: the range of distances, in metres, of the nodes that are active in the same round.
     """
     while front.size[0] > 0:
         count, low = _next_round(front, band)
@@ -154,10 +159,11 @@ def _meets(stop: Stop, distance: np.ndarray, active: np.ndarray) -> bool:
 
 @njit(cache=True)
 def _update_rings(front: Front, active: np.ndarray) -> None:
-    """Give the neighbours in the rings of the active nodes their candidate distances where these are shorter. A node
-    whose distance is reduced waits for a later round.
+    """Replace the distances of the active nodes' neighbours by the candidate distances that are shorter. A node whose
+    distance is reduced waits for a later round.
 
-    The inner loop has no branches, since the processor would mispredict half of them, which takes time.
+    The inner loop, over a node's neighbours, has no branches, since the processor would mispredict half of them, which
+    takes time.
     """
     distance, bend, queued, table = front.distance, front.bend, front.queued, front.rows.table
     end = front.size[0]
@@ -179,8 +185,8 @@ def _update_rings(front: Front, active: np.ndarray) -> None:
 
 @njit(cache=True)
 def _follow_links(mesh: MeshArrays, front: Front, active: np.ndarray) -> None:
-    """Give the nodes at the other ends of the active nodes' links the distance of the active node plus the length of
-    the link, where this is shorter.
+    """Follow the links (edges outside the pixel grid) of the active nodes: the node at the other end of a link gets the
+    distance of the active node plus the length of the link, where this is shorter.
     """
     distance, bend, table = front.distance, front.bend, front.rows.table
     for k in range(len(active)):
@@ -253,8 +259,9 @@ def mean_edge_m(mesh: MeshArrays) -> float:
 
 @njit(cache=True)
 def _fields(mesh: MeshArrays, sets: np.ndarray, max_distance: np.float32, band: float) -> np.ndarray:
-    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). The fans (values
-    of each node's neighbourhood) that were filled for one field are used again for the next field.
+    """Return distance fields (s, n) float32, one per set of sources (a row of ``sets`` (s, k) int32). A node's fan (the
+    edges and triangles between the node and its neighbours) is the same for every source, so fans that were filled for
+    one field are used again for the next field.
     """
     count = len(mesh.points_m)
     fields, front = np.empty((len(sets), count), np.float32), new_front(count)

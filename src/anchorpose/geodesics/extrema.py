@@ -1,5 +1,5 @@
 """Find the centre of the surface, its geodesic extrema (the ends of limbs; paper, Section IV-B, after Definition 2),
-and the cap of each extremum.
+and the cap of each extremum (the surface around it).
 
 An extremum is a single node: of many nodes that are almost equally far from the centre, it is the farthest. The surface
 around an extremum, its cap, has a more stable centre and shows whether the limb really ends there.
@@ -21,12 +21,13 @@ from anchorpose.surface.surface import MeshArrays, Surface
 # the distance of a single node has half a centimetre of noise
 FARTHEST: Final = 10
 # minimum share of the nodes in a cap's outer half that lie at a cut (the border of an object in front), for the cap to
-# be a stump: the limb then continues behind the object. Beside a bar, all nodes of the outer half lie at the cut.
+# be a stump: the limb then continues behind the object. If a bar cuts a limb off, all nodes of the cap's outer half lie
+# at the cut.
 STUMP_SHARE: Final = 0.5
 # minimum length of hidden (predicted, unseen) skin beyond an extremum, in units of a cap's depth (1.5 are 9 cm), for
 # the limb to continue there; fingers without readings are shorter
 LONGER: Final = 1.5
-# the value in place of ``LONGER`` if an object, such as a bar before a wrist, stands in front of the end
+# minimum length, in place of ``LONGER``, if an object, such as a bar before a wrist, stands in front of the limb's end
 LONGER_AT_CUT: Final = 1.0
 # skin area per hidden node, divided by the skin area per seen node: hidden nodes are 2.2 cm apart, seen nodes 1.3 cm
 HIDDEN_AREA: Final = 3.0
@@ -85,8 +86,8 @@ def _mean(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _local_maxima(surface: Surface, field: np.ndarray) -> np.ndarray:
-    """Return the nodes (k,) int32 at which ``field`` is larger than at all their neighbours, on the grid and across
-    links.
+    """Return the nodes (k,) int32 at which ``field``, the distance from the centre, is larger than at all their
+    neighbours, on the grid and across links.
     """
     ring, highest = surface.ring, np.isfinite(field)
     highest &= ((ring < 0) | (field[ring] < field[:, None])).all(axis=1)
@@ -126,11 +127,11 @@ class Cap:
 def find_caps(
     surface: Surface, field: np.ndarray, extrema: np.ndarray, depth_m: float, cut: np.ndarray | None = None
 ) -> list[Cap]:
-    """Return the cap of each extremum. extrema (k,): numbers of seen nodes.
+    """Return the cap (the seen surface at a limb's end) of each extremum. extrema (k,): numbers of seen nodes.
 
-    field (n,) float32: distance from the centre. A cap consists of the nodes whose distance is at most ``depth_m`` less
-    than the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at a border where something else cuts
-    the surface (``surface.border``).
+    field (n,) float32: distance from the centre. A cap reaches from the limb's end up to ``depth_m`` towards the
+    centre; the distance of the limb's end is the mean distance of the cap's ten farthest nodes. cut (n,) bool: nodes at
+    a border where something else cuts the surface (``surface.border``).
     """
     if len(extrema) == 0:
         return []
@@ -166,8 +167,9 @@ def _cap(
 
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
-    """Return whether, for every camera that sees a cap's outer half, at least the share ``STUMP_SHARE`` of this
-    camera's nodes there lie at a cut.
+    """Return whether a cap is a stump, at which the surface ends only because something hides the rest of the limb. It
+    is a stump if, of the nodes in its outer half, at least the share ``STUMP_SHARE`` lie at a cut; this must hold for
+    each camera that sees the outer half.
     """
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])

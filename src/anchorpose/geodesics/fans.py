@@ -1,12 +1,13 @@
-"""Prepare the fan of each node, and compute the distances from the source that the node can pass on to its neighbours.
-A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
+"""Prepare the neighbourhood (fan) of each node, and compute the distances from the source that the node can pass on to
+its neighbours. A node's fan is its ring of up to eight neighbours, with the edges and triangles between them.
 
-The ring is numbered counter-clockwise: places 0 to 7 are E NE N NW W SW S SE. Its eight edges and sixteen triangles are
-computed in parallel, one neighbour per lane of the processor's vector registers, in the order E N W S NE NW SW SE. The
-four sides (the neighbours E N W S) come first, because every triangle consists of the node, the neighbour that gets a
-distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N or S. So each lane has
-two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right triangle. Sources: Kimmel
-and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein 2002.
+The ring of a node is numbered counter-clockwise: places 0 to 7 are the neighbours E NE N NW W SW S SE. Its eight edges
+and sixteen triangles are computed in parallel, one neighbour per lane of the processor's vector registers, in the order
+E N W S NE NW SW SE. The four sides (the neighbours E N W S) come first, because every triangle consists of the node,
+the neighbour that gets a distance, and a side. If NE gets the distance, the side is E or N; if E gets it, the side is N
+or S. So each lane has two triangles: the left triangle (counter-clockwise from the lane's neighbour) and the right
+triangle. Sources: Kimmel and Sethian 1998 (doi:10.1073/pnas.95.15.8431), with the point source of Novotni and Klein
+2002.
 """
 
 from __future__ import annotations
@@ -22,15 +23,19 @@ LANES: Final = 8
 PLACE: Final = np.array([0, 2, 4, 6, 1, 3, 5, 7])  # for each lane, its neighbour's place in the ring
 LEFT: Final = np.array([1, 2, 3, 0, 1, 2, 3, 0])  # for each lane, the lane of its left triangle's side
 RIGHT: Final = np.array([3, 0, 1, 2, 0, 1, 2, 3])
-# first column of each kind of value in a fan; each kind has eight columns, one per lane. The values are the squared
-# length of the edge to the lane's neighbour, the dot product of this edge with the edge to the left side, and its dot
-# product with the edge to the right side. FAN is the number of columns
+# first column of each kind of value in a fan; each kind has eight columns, one per lane, that is, per neighbour of the
+# node. The values are the squared length of the edge from the node to the lane's neighbour, and the dot products of
+# this edge with the edges from the node to the sides of the left and of the right triangle. FAN is the number of
+# columns of a fan
 EDGE2, DOT_LEFT, DOT_RIGHT, FAN = 0, 8, 16, 24
 
-# first columns in a row of ``Rows``, after the fan. Per lane, they hold the squared edge, distance and bend of the side
-# in its left and in its right triangle; then the distance of the neighbour; then the candidate distance and its bend.
-# (The right sides of the first two lanes are the left sides of the last two lanes, so these columns are shared.) Then
-# follow the node's own values, the updated lanes as bits, and the number of columns.
+# first column of each further kind of value in a row of ``Rows``, after the fan. SIDE2, SIDE and BEND are the squared
+# length of the edge to a side, and the distance and bend (as in ``Front``) of this side; each exists per lane for the
+# left and for the right triangle. Also per lane, BEFORE is the present distance of the lane's neighbour, and CANDIDATE
+# and CANDIDATE_BEND are its candidate distance and the bend of this candidate. (The sides in the right triangles of the
+# first two lanes are the sides in the left triangles of the last two lanes, so they share columns.) After these columns
+# come OWN, OWN_BEND and OWN_RIM, the node's own distance, bend and rim mark, and UPDATED, whose bits are the lanes to
+# update. ROW is the number of columns of a row
 SIDE2_LEFT, SIDE2_RIGHT, SIDE_LEFT, SIDE_RIGHT, BEND_LEFT, BEND_RIGHT = (np.int64(c) for c in (24, 30, 38, 44, 52, 58))
 BEFORE, CANDIDATE, CANDIDATE_BEND, OWN, OWN_BEND, OWN_RIM, UPDATED, ROW = 66, 74, 82, 90, 91, 92, 93, 96
 WIDE: Final = 4  # number of float32 columns in a complex128 number, the unit in which rows are copied
@@ -52,12 +57,15 @@ angles, the front starts again from the rim as from a source. A straight rim con
 by less than 4 degrees.
 """
 
-# numba's flags for faster arithmetic: products may be fused and reordered, but NaN stays NaN
+# LLVM's flags for faster arithmetic: a product and a sum may be computed in a single step, a division may become a
+# product with the reciprocal, and the sign of zero is ignored; NaN stays NaN
 FUSED: Final = {"contract", "nsz", "arcp"}
 
 
 class Fans(NamedTuple):
-    """The fans of all n nodes; the fan of a node is filled in when a front first reaches the node."""
+    """The fans of all n nodes: each node's ring of neighbours, with the edges and triangles between them. The fan of a
+    node is filled in when a front first reaches the node.
+    """
 
     near: np.ndarray  # (n, 8) uint32, the neighbour in each lane; n = missing
     fan: np.ndarray  # (n, 24) float32, columns from ``EDGE2``, ``DOT_LEFT`` and ``DOT_RIGHT`` on
@@ -67,8 +75,8 @@ class Fans(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """The values with which a round computes distances, one row per active node (a node that passes its distance on in
-    this round).
+    """The values from which a round of the front computes candidate distances, one row per active node (a node that
+    passes its distance on to its neighbours in this round).
     """
 
     table: np.ndarray  # (n, 96) float32, with the columns defined above, from ``EDGE2`` to ``UPDATED``
@@ -78,7 +86,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True)
 def empty_fans(count: int) -> Fans:
-    """Return empty fans for a surface of ``count`` nodes."""
+    """Return the fans (neighbourhoods) of a surface of ``count`` nodes, none of which is filled in yet."""
     near, fan = np.empty((count, LANES), np.uint32), np.empty((count, FAN), np.float32)
     return Fans(near, fan, np.full(count, NOT_FILLED), np.empty((LANES, 3), np.float32), fan.view(np.complex128))
 
@@ -92,8 +100,8 @@ def empty_rows(count: int) -> Rows:
 
 @njit(cache=True)
 def fill_fans(mesh: MeshArrays, active: np.ndarray, fans: Fans) -> None:
-    """Fill the fans of all active nodes whose fans no earlier round filled. Fans are not filled in advance, so that a
-    front that stops early fills few fans.
+    """Fill the fans (neighbourhoods) of all active nodes whose fans no earlier round filled. Fans are not filled in
+    advance, so that a front that stops early fills few fans.
     """
     for k in range(len(active)):
         node = active[k]
@@ -106,9 +114,10 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
     """Write the neighbours of one node, and the values of its edges and triangles, to ``fans``. Return whether the
     surface ends at this node, that is, whether a neighbour is missing.
 
-    A triangle exists if its three edges exist; otherwise its dot product is NaN, so that every comparison with the dot
-    product is False. The edge to a missing neighbour has the length ``AWAY``. The function is inlined, since at each
-    call numba would count the references to eleven arrays, which takes time.
+    A triangle exists if its three edges exist; otherwise NaN stands for the dot product of its two edges at the node,
+    so that every comparison with this dot product is False. The edge to a missing neighbour has the length ``AWAY``,
+    which is larger than any real length. The function is inlined, since at each call numba would count the references
+    to eleven arrays, which takes time.
     """
     points, ring = mesh.points_m, mesh.ring
     near, fan, edge = fans.near, fans.fan, fans.edge
@@ -136,10 +145,11 @@ def _fill_fan(mesh: MeshArrays, node: int, fans: Fans) -> bool:
 
 @njit(cache=True)
 def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarray, rows: Rows) -> None:
-    """Copy the values from which candidate distances are computed to the first k rows of the table, before the round
-    changes any distance. active (k,) uint32: the active nodes, one per row.
+    """Copy the values from which the candidate distances of the active nodes' neighbours are computed to the first k
+    rows of the table, before the round changes any distance. active (k,) uint32: the active nodes, one per row.
 
-    distance, bend (n + 1,) float32: as in ``Front``.
+    distance, bend (n + 1,) float32: the fields of ``Front``: each node's distance from the source, and the distance at
+    which the front last turned on its way to the node.
     """
     near, fan, table = fans.near, fans.fan, rows.table
     for k in range(len(active)):
@@ -157,9 +167,9 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 
 @njit(cache=True)
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
-    """Copy the values of the four sides to row k of the table, to the columns from ``at`` on. Per lane, the first
-    columns get the value of the side in the left triangle (``LEFT``), and the next columns the value of the side in the
-    right triangle (``RIGHT``).
+    """Copy a value of each of the four sides (the neighbours E, N, W and S of a node) to row k of the table, for every
+    lane. The eight columns from ``at`` on get the value of the side in the lane's left triangle (``LEFT``), and the
+    eight columns from ``at + 6`` on the value of the side in the lane's right triangle (``RIGHT``).
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -203,14 +213,17 @@ def find_candidates(table: np.ndarray, count: int) -> None:
 def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
-    """Return the candidate distance through one triangle, and its bend (as in ``Front``). Also return how sharply a
-    path that cannot cross the triangle turns at the node instead: 1 - cos of the angle, times ``FULL_TURN``.
+    """Return the candidate distance of a neighbour of the node, by a path through the triangle of the node, this
+    neighbour and a side (E, N, W or S), and the bend (as in ``Front``) of this path. Also return how sharply a path
+    turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
 
-    The triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between
-    them. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and ``beside``
-    = 2 c y; ``area`` is c times the neighbour's height over the edge. If the front has turned around the rim, it comes
-    from the turning point. So the distance at this point (``since``) is subtracted first and added again at the end.
-    The candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
+    own, side: distances of the node and of the side from the source; arm: length of the edge from the node to the
+    neighbour; side2: squared length of the edge from the node to the side; dot: the dot product of these two edges. The
+    triangle is laid flat with the node at the origin, the side at (c, 0), and the neighbour above the edge between node
+    and side. In this plane, the front comes from a point (x, -y) below this edge, where ``towards`` = 2 c x and
+    ``beside`` = 2 c y; ``area`` is c times the neighbour's height over the edge. If the front has turned around the
+    rim, it comes from the turning point. So the distance at this point (``since``) is subtracted first and added again
+    at the end. The candidate is ``AWAY`` if the straight line from that point to the neighbour misses the edge.
     """
     since = min(own_bend, side_bend)
     radius = own - since

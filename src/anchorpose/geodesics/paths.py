@@ -21,8 +21,8 @@ def came_from(
     node: int,
 ) -> tuple[int, int, float]:
     """Return the point from which the shortest path reaches a node, as two nodes a, b and a share: the point (1 -
-    share) a + share b on an edge of the node's ring, or a single node (a = b). Both nodes are -1 if no neighbour is
-    nearer to the source.
+    share) a + share b on an edge between two of the node's neighbours, or a single neighbour (a = b). Both nodes are -1
+    if no neighbour is nearer to the source.
 
     points (n, 3 or more) float32: the places in the first columns; ring, link_start, link_node and link_length: fields
     of ``MeshArrays``, passed separately to save time, since this function is called for every node; distance (n,)
@@ -31,7 +31,7 @@ def came_from(
     one: Any
     other: Any
     best, share = np.inf, 0.0
-    # these are int64 from the start, so that the functions called with them are compiled for one type only
+    # these node numbers are int64 from the start, so that the functions called with them are compiled for a single type
     one, other = np.int64(-1), np.int64(-1)
     for k in range(8):
         a, b = np.int64(ring[node, k]), np.int64(ring[node, (k + 1) % 8])
@@ -103,10 +103,10 @@ def adjoin(ring: np.ndarray, node: Any, other: int) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_bare(ring: np.ndarray, node: int, other: int) -> bool:
-    """Return whether the edge to a neighbour belongs to no triangle."""
+    """Return whether the edge from ``node`` to its neighbour ``other`` belongs to no triangle."""
     for k in range(8):
         if ring[node, k] == other:
-            # a node that neighbours both nodes is one or two places from ``other`` in the ring
+            # a node next to both ``node`` and ``other`` is one or two places from ``other`` in the ring of ``node``
             for way in (1, 2, 6, 7):
                 third = np.int64(ring[node, (k + way) % 8])
                 if third >= 0 and adjoin(ring, third, other):

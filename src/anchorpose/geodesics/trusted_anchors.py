@@ -1,12 +1,12 @@
 """Decide which of a node's distances to the anchors can be trusted. Behind a hole in the surface they are too long,
 since the path must go around the hole.
 
-A path from an anchor is a detour if it touches the rim of the hole and bends towards the hole. All nodes behind the
-bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path is laid flat into a
-plane, with the anchor at the origin and the path's first piece along the first axis; there the path is a chain of
-straight pieces. Over the complete skin, the path would be the chord: the straight line from the anchor to the node. The
-detour is the path's length minus the length of this chord. The computation assumes that the hole is as flat as the skin
-around it.
+The path from an anchor to a node is a detour if it touches the rim of a hole in the surface and bends towards the hole.
+All nodes behind the bend lie in the anchor's shadow (paper, Definition 5). To find the length of the detour, the path
+is laid flat into a plane, with the anchor at the origin and the path's first piece along the first axis; there the path
+is a chain of straight pieces. Over the complete skin, the path would be the chord: the straight line from the anchor to
+the node. The detour is the path's length minus the length of this chord. The computation assumes that the hole is as
+flat as the skin around it.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def cast_shadow(
     node: int,
     edge: tuple[int, int, float, bool],
 ) -> None:
-    """Write to ``bend`` and ``chain`` the node's place in the plane into which its path from the anchor is laid flat,
-    if the path bends around a hole.
+    """If the path from the anchor to a node bends around a hole, write to ``bend`` and ``chain`` where the node lies in
+    the plane into which this path is laid flat, and at which rim nodes the path bends.
 
     edge: the last edge that the path crosses before the node: its ends a and b, where the path crosses it as a share of
     the way from a to b, and whether the edge is a link. is_open (n,) bool: rim nodes whose triangles do not close
@@ -117,10 +117,11 @@ def _behind(
     at_y: float,
 ) -> None:
     """Unfold the shortest path to a node into a plane. Write the node's place in this plane to ``bend``. Write to
-    ``chain`` the last and the first corner of the path.
+    ``chain`` the last and the first corner of the path, that is, the rim nodes at which it bends last and first.
 
-    at_x, at_y: a place on the path in its plane; last, first: the last corner at which the path may bend, and the first
-    corner at which it bends.
+    at_x, at_y: the place in this plane towards which the path runs from its last corner; last: the last rim node that
+    may be a corner of the path (if the path does not bend there, the corners before it are tried); first: the corner at
+    which the path bends first.
     """
     while last >= 0:
         x, y = at_x - bend[last, PLACE], at_y - bend[last, PLACE + 1]
@@ -137,8 +138,8 @@ def _behind(
 
 @njit(cache=True, error_model="numpy")
 def _around(distance: np.ndarray, bend: np.ndarray, chain: np.ndarray, at: int, turn: float, node: int) -> None:
-    """Write to ``bend`` and ``chain`` the place of a node whose path bends last at the rim node ``at``, by the angle
-    ``turn`` (radians).
+    """Write to ``bend`` and ``chain`` the place and the corners of a node whose path bends last at the rim node ``at``,
+    by the angle ``turn`` (radians).
     """
     x, y = _arrival(at, bend, chain)
     reach = distance[node] - distance[at]
@@ -229,8 +230,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
     The arguments are those of ``trusted_anchors``. The detour is NaN if the distance is not finite. Along a path, the
     detour of a node is never smaller than the detour of the node before. So nodes behind a detour of more than
     ``enough_m`` get a lower bound of their detour, which halves the computing time of this function. The detour is inf
-    if the path passes a strip without triangles beside the occlusion, where bends are unknown. The direction of each
-    path at a rim is computed from the field, so distances of any solver can be used.
+    if the path runs along an edge between two open rim nodes that belongs to no triangle, since bends are unknown
+    there. The direction of each path at a rim is computed from the distances alone, so they may come from any solver.
     """
     if descriptor.ndim != 2 or len(descriptor) != len(surface) or rim.shape != (len(surface),) or rim.dtype != bool:
         raise ValueError(
@@ -245,8 +246,8 @@ def detour(surface: Surface, descriptor: np.ndarray, rim: np.ndarray, enough_m: 
 
 @njit(cache=True, error_model="numpy")
 def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np.ndarray, enough: float) -> np.ndarray:
-    """Return detours (n, k) float32 for distance fields (k, n), computed node by node in the order of distance. is_open
-    (n,) bool, hole (n, 3): as in ``cast_shadow``.
+    """Return the detours (n, k) float32 of all paths to k anchors, from the distances (k, n) of the nodes to these
+    anchors, computed node by node in the order of distance. is_open (n,) bool, hole (n, 3): as in ``cast_shadow``.
     """
     count, skin = len(mesh.points_m), _skin(mesh)
     ring, link_start, link_node, link_length = mesh.ring, mesh.link_start, mesh.link_node, mesh.link_length_m
@@ -255,7 +256,8 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        # nodes whose path may bend: open rim nodes, and nodes next to a rim or shadow node that is nearer to the anchor
+        # nodes whose path may bend: open rim nodes, and nodes next to an open rim node, or a node in a shadow, that is
+        # nearer to the anchor
         affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)
@@ -303,7 +305,8 @@ def _set_heading(
     """Write to ``bend`` the direction of the last piece of the path to a node; this piece begins on the edge between
     two other nodes.
 
-    The direction stays 0 after a link, since a path across a hole does not bend around the hole.
+    After a link (an edge that crosses a gap or a hole), the direction stays 0, since a path across a hole does not bend
+    around the hole.
     """
     a, b = edge
     for axis in range(3):
@@ -317,8 +320,9 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return a node's detour: the length of its path, laid flat, minus the chord. Deep in a shadow, return the detour
-    of the preceding node of the path; outside shadows, return 0.
+    """Return a node's detour: the length of its path, laid flat, minus the chord. If the node is so deep in a shadow
+    that the corners of its path are not computed, return the detour of the preceding node of the path; outside shadows,
+    return 0.
     """
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)

@@ -19,12 +19,12 @@ from anchorpose.isolation.depth_noise import Sensor
 from anchorpose.recording.equipment import EquipmentModel
 
 # sigmas (standard deviations) of a single reading. A pixel is foreground if the median over its 3x3 neighbourhood lies
-# in front of the room by more than this. The median of nine readings has 0.4 times the sigma of a single reading, so
-# the gate is five sigmas of the median.
+# in front of the room by more than ``BACKGROUND_GATE`` sigmas. The median of nine readings has 0.4 times the sigma of a
+# single reading, so this gate of two sigmas of a reading is five sigmas of the median.
 BACKGROUND_GATE: Final = 2.0
-# sigmas of a single reading, maximum difference between the depth of the equipment and a reading that shows it. The
-# median of 3x3 pixels is not used here, since thin bars are at most three pixels wide, so the window would contain
-# pixels beside the bar
+# sigmas of a single reading, maximum difference between the depth of the equipment and a reading that shows it. For
+# equipment, the median of 3x3 pixels is not used: thin bars are at most three pixels wide, so the 3x3 pixels would
+# include pixels beside the bar
 EQUIPMENT_GATE: Final = 3.0
 # m, assumed error of the equipment's predicted surface: the model was measured by hand, and the pose was estimated
 EQUIPMENT_TOLERANCE_M: Final = 0.01
@@ -71,9 +71,9 @@ def room_at(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None) -
     """Return the background's depth at each pixel of a frame, and the standard deviation of readings of the background,
     (height, width) float32 metres each.
 
-    depth_m: the frame's readings. If an object rests at a pixel at this time, the object (its layer) is the background
-    of this pixel. If no object rests there, or if the reading lies behind the object, the background is the room.
-    time_s: time of the frame on the reference clock; if it is None, resting objects are ignored.
+    depth_m: the frame's readings. If an object rests at a pixel at the time ``time_s``, the object (its layer) is the
+    background of this pixel. If no object rests there, or if the reading lies behind the object, the background is the
+    room. time_s: time of the frame on the reference clock; if it is None, resting objects are ignored.
     """
     room, sigma = model.depth_m, model.sigma_m
     for layer in model.layers:
@@ -87,15 +87,16 @@ def foreground(depth_m: np.ndarray, model: BackgroundModel, time_s: float | None
     """Return (height, width) bool: pixels whose readings are nearer than the room by more than noise causes, without
     flying pixels (readings between two surfaces, at an outline).
 
-    time_s: time of the frame on the reference clock; None: resting layers are ignored.
+    time_s: time of the frame on the reference clock; None: objects that rest in the room only for some time are
+    ignored.
 
-    The test computes the difference between room and reading, in sigmas, and takes the median over 3x3 pixels. The
-    pixel is foreground if this median exceeds two sigmas, measured along the ray (``BACKGROUND_GATE``), and the pixel
-    itself is nearer than the room. Where rays meet the floor at a small angle, two sigmas along the ray are a
-    centimetre of height, so even the sole of a shoe on the floor is found. A pixel that is nearer than the room by more
-    than ``JUMP_GATE`` sigmas is foreground for any median: fingers and corners of the outline fill less than half of
-    the window, so the median there may show the room. Where the background is unknown, every reading counts as
-    foreground; pixels that show no person are removed later.
+    The test of a pixel computes the difference between the room's depth and the reading, in sigmas (standard
+    deviations), and takes the median over 3x3 pixels. The pixel is foreground if this median exceeds two sigmas,
+    measured along the ray (``BACKGROUND_GATE``), and the pixel itself is nearer than the room. Where rays meet the
+    floor at a small angle, two sigmas along the ray are a centimetre of height, so even the sole of a shoe on the floor
+    is found. A pixel that is nearer than the room by more than ``JUMP_GATE`` sigmas is foreground, whatever the median
+    is: fingers and corners of the outline fill less than half of the 3x3 pixels, so the median there may show the room.
+    Where the background is unknown, every reading counts as foreground; pixels that show no person are removed later.
     """
     nearer = _sigmas_nearer(depth_m, *room_at(depth_m, model, time_s))
     mask = ((cv2.medianBlur(nearer, 3) > BACKGROUND_GATE) & (nearer > 0)) | (nearer > JUMP_GATE)
@@ -124,7 +125,7 @@ class ExpectedEquipment:
     """One camera's predicted view of the equipment alone."""
 
     depth_m: np.ndarray  # (height, width) float32 m, 0 without equipment on this ray
-    # (height, width) bool, whether the background shows the equipment at a pixel and at all its eight neighbours
+    # (height, width) bool, whether the background has the equipment's depth at a pixel and at all its eight neighbours
     measured: np.ndarray
     # (height, width) float32 m; a reading from low_m to high_m shows the equipment; inf at pixels without equipment
     low_m: np.ndarray
@@ -162,11 +163,11 @@ def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> Expect
 def equipment_mask(depth_m: np.ndarray, nearer: np.ndarray, expected: ExpectedEquipment) -> np.ndarray:
     """Return (height, width) bool: pixels that show the equipment; the patient may be hidden behind it.
 
-    The mask has the pixels with a reading between ``low_m`` and ``high_m``, and the pixels without a reading at which
-    the equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where the background
-    itself shows the equipment (``measured``), a pixel of the foreground is never equipment. The reason is that fingers
-    around a bar stand out from the bar by less than the sum of the equipment model's error and one pixel's noise. So
-    the readings of the fingers may lie between ``low_m`` and ``high_m``, too.
+    The equipment's mask has the pixels with a reading between ``low_m`` and ``high_m``, and the pixels without a
+    reading at which the equipment is expected. nearer (height, width) bool: the foreground, from ``foreground``. Where
+    the background itself shows the equipment (``measured``), a pixel of the foreground is never equipment. The reason
+    is that fingers around a bar stand out from the bar by less than the sum of the equipment model's error and one
+    pixel's noise. So the readings of the fingers may lie between ``low_m`` and ``high_m``, too.
     """
     on_it = (depth_m >= expected.low_m) & (depth_m <= expected.high_m) & ~(expected.measured & nearer)
     mask: np.ndarray = on_it | ((depth_m <= 0) & (expected.depth_m > 0))

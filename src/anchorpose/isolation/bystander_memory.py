@@ -19,22 +19,24 @@ from anchorpose.isolation.view import PixelLabel, View
 # pixels, step in rows and columns between sampled pixels; on a person 2.5 m from the camera, this is 2 cm
 SAMPLE_PX: Final = 3
 # m, side of the cubes in which newly seen skin replaces remembered skin. Remembered skin also counts as hidden from a
-# camera if the camera's reading lies more than this distance in front of it
+# camera if the camera's reading lies more than ``CELL_M`` in front of this skin
 CELL_M: Final = 0.05
-# s, time for which hidden skin is remembered. A person who passes near the camera, or stops there, hides other people
-# for two seconds; after three seconds, the hidden people's places are uncertain by about a metre, at ``SPEED_M_S``
+# s, time for which skin that is hidden from all cameras is remembered. A person who passes near the camera, or stops
+# there, hides other people for two seconds; after three seconds, the hidden people's places are uncertain by about a
+# metre, at ``SPEED_M_S``
 MEMORY_S: Final = 3.0
 # m, standard deviation of skin about a remembered point, due to noise and to half the spacing of the points
 SIGMA_M: Final = 0.012
 # m/s, growth of the standard deviation of remembered points with time, for people who stand or hold the patient.
-# Walking people move faster; their pixels are found by region growing (pixels take the label of connected pixels).
+# Walking people move faster than ``SPEED_M_S``; their pixels are found by region growing (pixels take the label of
+# connected pixels).
 SPEED_M_S: Final = 0.30
-# m, maximum gap within one cluster of skin points. It is as wide as the strip that a rail hides, so that a head above a
-# rail belongs to the same cluster as the body below
+# m, maximum gap within one cluster of skin points. This gap is as wide as the strip that a rail hides, so that a head
+# above a rail belongs to the same cluster as the body below
 CLUSTER_GAP_M: Final = 0.10
 CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# mean number of cubes of a grid that a surface passes through, for each part of the surface that is as large as one
-# face of a cube; with this factor, the area of skin is estimated from the number of cubes that contain skin
+# if space is divided into cubes, a surface passes through this many cubes, on average, per area of a cube's face; so
+# the area of skin is estimated from the number of cubes that contain skin
 CUBES_PER_FACE: Final = 1.5
 
 
@@ -87,7 +89,8 @@ class BystanderMemory:
         """Predict the remembered skin ``elapsed_s`` after the last frame. A point's uncertainty grows with the time
         since the point was seen.
 
-        doubt_m: added in quadrature to the skin's standard deviation, for memories whose person labels may be wrong.
+        doubt_m: a further standard deviation in metres, added in quadrature to the skin's own, for memories whose
+        person labels may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))
@@ -124,7 +127,7 @@ def update_memory(
     cameras: Sequence[Camera],
     elapsed_s: float,
 ) -> BystanderMemory:
-    """Update the memory by one more frame.
+    """Update the memory of people's skin by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``. Skin that was not seen again is forgotten if it
     lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``). Clusters of skin

@@ -7,8 +7,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit
 
-# minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. A pixel at
-# the corner of a convex outline has three such neighbours.
+# minimum number of a pixel's eight neighbours that lie at its depth; a pixel with fewer is a flying pixel. Even a pixel
+# at the corner of a convex outline has three neighbours at its depth.
 SUPPORT: Final = 3
 # standard deviations (sigmas), maximum depth difference that noise causes between neighbouring pixels of one surface;
 # on a slanted surface, the depth also differs because of the slope
@@ -24,8 +24,8 @@ class JumpLimit(NamedTuple):
     slope: float  # factor of z: change of depth per pixel on the steepest surface that returns a reading
 
     def at(self, depth_m: np.ndarray) -> np.ndarray:
-        """Return the largest depth step within one surface for each pixel of ``depth_m``, in an array of the same
-        shape.
+        """Return, for each pixel of ``depth_m``, by how much the depth of a neighbouring pixel may differ if both show
+        the same surface, in an array of the same shape.
         """
         return self.square * depth_m**2 + self.slope * depth_m
 
@@ -105,7 +105,8 @@ def label_components(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) ->
 def without_flying_pixels(depth_m: np.ndarray, mask: np.ndarray, limit: JumpLimit) -> np.ndarray:
     """Return ``mask`` without flying pixels: pixels with fewer than three neighbours at their depth.
 
-    Time-of-flight cameras report such mixed depths, between two surfaces, along every silhouette.
+    Along every silhouette, time-of-flight cameras report such mixed depths, which lie between the depths of two
+    surfaces.
     """
     height, width = depth_m.shape
     kept = np.zeros((height, width), dtype=np.bool_)

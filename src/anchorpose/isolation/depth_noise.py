@@ -65,8 +65,8 @@ FLAT: Final = 0.1  # maximum depth change along one side of an edge, as a share 
 MIDDLE: Final = (0.2, 0.8)  # an edge's width is measured from 20 % to 80 % of the depth difference across it
 # minimum number of measured edges in all frames; one image of a real, filtered recording has 900 on a person's outline
 LEAST_EDGES: Final = 200
-# pixels, maximum width, measured by ``MIDDLE``, of a sharp edge; edges that no filter has blurred have a width of at
-# most one pixel
+# pixels, maximum width of a sharp edge, measured from 20 % to 80 % of the depth difference (``MIDDLE``); edges that no
+# filter has blurred have a width of at most one pixel
 SHARP_PX: Final = 2.0
 FRAMES: Final = 8  # number of frames in which edges are measured
 # a pixel that differs from both sides of an edge by more than this share of the edge's depth jump is on a false ramp
@@ -89,8 +89,9 @@ def smear_px(frames_m: Sequence[np.ndarray], people: Sequence[np.ndarray] | None
 
 
 def _middles(depth_m: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
-    """Return the widths (e,), pixels, of depth edges with a flat surface on both sides, found along the rows. Widths
-    are measured between the shares ``MIDDLE`` of the depth difference across the edge.
+    """Return the widths (e,), pixels, of depth edges with a flat surface on both sides, found along the rows. A width
+    is the number of pixels whose depth lies from 20 % to 80 % (``MIDDLE``) of the way from the nearer to the farther
+    side.
 
     near (height, width) bool: only edges are measured whose nearer side lies in this mask and whose farther side does
     not.
@@ -169,15 +170,17 @@ class DepthNoise:
         """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing the
         camera.
 
-        sigma / z^2 is linear between measured depths and constant beyond them.
+        The ratio sigma / z^2 is interpolated linearly between the depths at which it was measured, and constant beyond
+        them.
         """
         depth = np.asarray(depth_m, np.float64)
         per_square = np.interp(depth, self.at_m, np.divide(self.sigma_at_m, np.square(self.at_m)))
         return np.asarray(per_square * depth**2 * (1.0 if slant_deg is None else self._times(slant_deg)))
 
     def _times(self, slant_deg: np.ndarray) -> np.ndarray:
-        """Return the factor on sigma at each slant. If a class of slants has no measured factor, it gets the factor of
-        the class with the next smaller slant.
+        """Return, for each slant of a surface, the factor by which sigma on a surface that faces the camera is
+        multiplied. If a class of slants has no measured factor, it gets the factor of the class with the next smaller
+        slant.
         """
         times = [1.0]
         for slant in self.slants:
@@ -258,7 +261,7 @@ def measure_noise(
 
 def _around(room_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest and the farthest depth (height, width) of the room in each pixel's neighbourhood, which
-    extends ``EDGE_PX`` to each side. Return 0 and inf if the room is unknown anywhere in it.
+    extends ``EDGE_PX`` to each side. Return 0 and inf if the room's depth is unknown at any pixel of the neighbourhood.
     """
     square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
     near, far = cv2.erode(room_m, square), cv2.dilate(room_m, square)
@@ -303,8 +306,8 @@ def _law(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> DepthNo
 
 
 def _cells(change_m: np.ndarray, room_m: np.ndarray, slant: np.ndarray) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return (sigma, median depth), metres, of each cell; keys are (number of the depth bin, slant). Cells with too few
-    readings, or without noise, are left out.
+    """Return (sigma, median depth), metres, of each cell, that is, of each pair of a depth bin and a class of slant;
+    keys are (number of the depth bin, slant). Cells with too few readings, or without noise, are left out.
     """
     _, row, column = np.nonzero(np.isfinite(change_m))
     value, depth_m = change_m[np.isfinite(change_m)], room_m[row, column]

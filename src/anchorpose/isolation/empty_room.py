@@ -2,8 +2,8 @@
 from surfaces that stay still in the recording.
 
 Still surfaces are the room or people who never leave their place. The learnt descriptor (a network that finds people in
-depth images) recognises these people. Behind them, only the planes of floor, walls and ceiling are filled in, and the
-model of the equipment.
+depth images) recognises these people. The room behind these people is never seen; it is filled in from the planes of
+floor, walls and ceiling, and from the model of the equipment.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ BLOCK_PX: Final = 16
 READINGS_NEEDED: Final = 32
 LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share of the frames agrees on its depth
 # if at least this share of the frames has a reading at a pixel, the room is known there even if the readings differ. At
-# a pixel that reads only passers-by, fewer frames have a reading
+# a pixel that has readings of passers-by only, fewer than half of the frames have a reading
 OFTEN_READ: Final = 0.5
 # sigmas of the noise, maximum difference between readings of one surface, to which ``SAME_M`` (metres) is added
 SAME_SIGMAS: Final = 6.0
@@ -68,12 +68,13 @@ FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a 
 # extend over the rails
 LEAN_M: Final = 0.25
 HEAD_M: Final = 2.3  # m above the floor, maximum height of a person in the equipment, with a raised arm
-# m above the floor; lower surfaces count as floor. The floor's plane may have an error of this height; a foot is three
-# times as high.
+# m above the floor; lower surfaces count as floor. The floor's plane may be wrong by this height (``SOLE_M``); a foot
+# is three times as high.
 SOLE_M: Final = 0.015
 # maximum share of the image's blocks in which readings of the room differ from the image of the empty room by more than
-# ``BACKGROUND_GATE`` sigmas. Recordings of simulated and real cameras that did not move have up to 0.03. After a camera
-# has tilted up or down by 0.25 degrees, the readings of the floor differ, in 0.35 of the blocks
+# ``BACKGROUND_GATE`` sigmas; if the share is larger, the image counts as outdated. In recordings of simulated and real
+# cameras that did not move, the share of such blocks is up to 0.03. After a camera has tilted up or down by 0.25
+# degrees, the readings of the floor differ from the image, and the share of such blocks is 0.35
 OUTDATED_SHARE: Final = 0.1
 
 
@@ -259,17 +260,18 @@ def _what_stays(frames_m: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndar
 
 
 def _percentile_of_last(rising: np.ndarray, count: np.ndarray, percent: float) -> np.ndarray:
-    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): values sorted over
-    time, of which the last ``count`` (height, width) are readings; 0 if count is 0.
+    """Return, per pixel, a percentile of the pixel's readings over time. rising (n, height, width): the values of each
+    pixel in ascending order, of which the last ``count`` (height, width) are readings, and the values before them are 0
+    (no reading). The result is 0 at pixels where ``count`` is 0.
     """
     place = len(rising) - count + np.rint((np.maximum(count, 1) - 1) * percent / 100.0).astype(np.int64)
     return np.take_along_axis(rising, np.minimum(place, len(rising) - 1)[None], axis=0)[0]
 
 
 def _at_least_a_step(sigma_m: np.ndarray, depth_m: np.ndarray, step_per_m: float) -> np.ndarray:
-    """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step of the
-    grey values. Room and reading are each rounded by half a step, so two neighbouring grey values may stand for the
-    same depth.
+    """Increase sigma so that a reading counts as in front of the room only if it is nearer by more than one step, the
+    depth difference between successive grey values. Room and reading are each rounded by half a step, so two
+    neighbouring grey values may stand for the same depth.
     """
     return np.maximum(sigma_m, np.float32(0.5 * step_per_m) * depth_m**2)
 
@@ -288,8 +290,8 @@ def _block_median(values: np.ndarray) -> np.ndarray:
 
 
 def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
-    """Convert the blocks' factors of z^2 (NaN = unknown) to sigma (height, width) in metres; factors below ``floor``,
-    the sensor's own noise, are raised to ``floor``.
+    """Convert the factors of z^2 of image blocks (NaN = unknown) to the sigma of each pixel (height, width) in metres;
+    factors below ``floor``, the factor of the sensor's own noise, are raised to ``floor``.
     """
     typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)

@@ -29,8 +29,8 @@ class HiddenSkin:
 
     def density(self, places_m: np.ndarray) -> np.ndarray:
         """Return (m,) 1/m3: for each place (m, 3), the probability density that the centre of a visible piece of a limb
-        lies there. A piece may show any point of a segment (``part``). At each place, the segment with the highest
-        density counts.
+        lies there. A piece is equally likely to show any point of a segment (half of a limb or of the trunk, ``part``).
+        At each place, the segment with the highest density counts.
         """
         away2 = ((places_m[:, None] - self.points_m) ** 2).sum(axis=2)
         normal = np.exp(-0.5 * away2 / self.sigma_m**2) / (np.sqrt(2.0 * np.pi) * self.sigma_m) ** 3
@@ -44,8 +44,8 @@ def label_hidden_limbs(
     """Give separate pieces without a person's label the patient's label where a hidden limb is more probable than an
     unknown object; return the changed views.
 
-    Because of this label, the body model is then fitted to the piece, too. If no pose of the limb fits the piece, the
-    fitted body will not cover the piece.
+    Because of the patient's label, the body model is then fitted to such a piece, too. If no pose of the limb fits the
+    piece, the fitted body will not cover the piece.
     """
 
     def labelled(pixels: Pieces | None, view: View | None) -> View | None:

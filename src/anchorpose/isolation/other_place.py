@@ -1,7 +1,7 @@
 """Find depth images that do not show the camera's room, because the camera was covered or knocked over for a moment.
 
-Such an image has readings and surfaces, but it lacks two properties of usual images: no reading lies behind the room's
-surfaces, and people never hide all of the room.
+Such an image has readings and surfaces, but it differs from usual images: either hardly any reading shows the room, or
+few readings show it and many lie behind the room's surfaces.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ STEP_PX: Final = 4  # pixels; every fourth pixel of every fourth row is tested
 # whichever is larger. SAME_M allows for an error of the learnt room by one step between depth values
 SAME_M, SAME_SIGMAS = 0.05, 6.0
 FRAMES_NEEDED: Final = 3  # minimum number of frames from which ``usual_share`` is computed
-# minimum share of the image in which the room's depth is known; with less, the images are not tested. Recording
-# software may have removed the room from the images, except some objects
+# minimum share of the image in which the room's depth is known; with less, the images are not tested. For example,
+# recording software may have removed the room, except some objects, from the images
 LEAST_KNOWN: Final = 0.2
 LEAST_USUAL: Final = 0.2  # minimum ``usual_share`` of a camera; the images of cameras with less are not tested
-# factor on ``usual_share``; the camera is covered if a smaller share of pixels than this product shows the room. A
-# passer-by near the camera leaves half of the usual share
+# the camera counts as covered if the share of pixels that show the room is less than this factor times ``usual_share``.
+# If a passer-by is near the camera, half of the usual share still shows the room
 COVERED: Final = 0.05
-# factor on ``usual_share``; the image shows another place if a smaller share of pixels than this product shows the
-# room, and many readings lie behind the room
+# an image counts as an image of another place if the share of pixels that show the room is less than this factor times
+# ``usual_share``, and many readings lie behind the room
 MOVED: Final = 0.6
 # maximum share of the room's pixels with readings behind the room; walking people cause 0.002, moved furniture 0.04
 MOST_BEHIND: Final = 0.05

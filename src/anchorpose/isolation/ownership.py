@@ -17,11 +17,12 @@ MIXED: Final = 255  # label of a cell with skin of several people
 CELL_M: Final = 0.035
 # m, half the spacing of skin points; a place on the skin may be this far from the nearest skin point
 SAMPLING_M: Final = 0.01
-# sigmas, maximum distance of a skin point from a place at which the likelihoods of several people are compared; farther
-# points do not count, and a place at which no point counts gets its owner by region growing
+# sigmas, maximum distance of a skin point from a place; where the likelihoods of several people are compared, farther
+# points do not count. If no skin point of any person is within this distance, the place gets its owner by region
+# growing
 GATE: Final = 3.0
-# minimum lead of the most likely owner over all other people. The lead is a difference of the quantity (d / sigma)^2 +
-# 2 log(sigma), which ``decide_ownership`` compares
+# minimum lead of the most likely owner over all other people. The lead is the difference between two people's values of
+# (d / sigma)^2 + 2 log(sigma), where d is the distance from a person's skin (``decide_ownership``)
 LEAST_LEAD: Final = 2.0
 
 
@@ -79,8 +80,8 @@ def sort_likelihood(likelihood: OwnershipLikelihood) -> LikelihoodGrid:
 
 @njit(cache=True, nogil=True)
 def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> None:
-    """Write the owner of each point to the point's cell of ``around`` and to the 26 cells around it; a cell with
-    several owners gets ``MIXED``. All points must be at least one cell away from the lower border of the grid.
+    """Write the owner of each skin point to the point's cell in ``around`` and to the 26 cells around this cell; a cell
+    that gets several owners is ``MIXED``. All points must be at least one cell away from the lower border of the grid.
     """
     before = np.full(3, -1, np.int64)
     whose = 0
@@ -102,13 +103,15 @@ def _spread_owners(around: np.ndarray, cell: np.ndarray, owner: np.ndarray) -> N
 def decide_ownership(
     grid: LikelihoodGrid, places_m: np.ndarray, compared: np.ndarray, gate: float = GATE, least_lead: float = LEAST_LEAD
 ) -> np.ndarray:
-    """Return (m,) uint8: the clear owner of each place (m, 3) float32, ``NOBODY`` if no owner is clear.
+    """Return (m,) uint8: the clear owner of each place (m, 3) float32, that is, the person whose skin is there;
+    ``NOBODY`` if no owner is clear.
 
-    If all skin in a place's cell and the 26 cells around it belongs to one person, that person owns the place.
-    Otherwise the most likely owner is chosen, but only where ``compared`` (m,) bool is True. The most likely owner is
-    the person with the least (d / sigma)^2 + 2 log(sigma), where d is the distance of the place from the person's skin.
-    This value must be less than the value of every other person by at least ``least_lead``, otherwise the place has no
-    clear owner. Skin farther away than ``gate`` times its sigma does not count.
+    Space is divided into cubes (cells). If all skin in the cell of a place and in the 26 cells around this cell belongs
+    to one person, that person owns the place. Otherwise the most likely owner is chosen, but only where ``compared``
+    (m,) bool is True. The most likely owner is the person with the least (d / sigma)^2 + 2 log(sigma), where d is the
+    distance of the place from the person's skin. This value must be less than the value of every other person by at
+    least ``least_lead``, otherwise the place has no clear owner. Skin farther away than ``gate`` times its sigma does
+    not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -18,17 +18,18 @@ from anchorpose.isolation.view import PixelLabel
 
 # m, minimum length of the border between a stray piece and the person whose surface it continues, a wrist's width
 LEAST_CONTACT_M: Final = 0.05
-# minimum length of the border of a stray piece, as a factor on the square root of its area. Half a head borders on the
-# other half along its longest side; a forearm borders on the rest of the body along a shorter side
+# minimum length of the border between a stray piece and the person whose surface it continues, divided by the square
+# root of the piece's area. Half a head borders on the other half along its longest side, so it can be a stray piece; a
+# forearm borders on the rest of the body along a shorter side, so it cannot
 LEAST_CONTACT: Final = 1.0
 # m2, maximum area of a stray piece, the area of a head. The patient's leg below a bar may border on a person who kneels
-# in front. But the leg is larger than this, so it keeps the patient's label
+# in front, but the leg is larger than a stray piece, so it keeps the patient's label
 LARGEST_M2: Final = 0.03
 
 
 def without_strays(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the owners (n,) uint8 of each camera's foreground (``shown``) after assigning stray pieces among the
-    patient's pixels to the person whose surface they continue.
+    """Return the owners (n,) uint8 of each camera's foreground pixels (``shown``): as in ``owners``, but a stray piece
+    of the patient's pixels gets the person whose surface it continues.
 
     A stray piece is no larger than a head, is not connected to other pixels of the patient in this camera, and
     continues another person's surface without a crease between them: for example, half a therapist's head where the

@@ -1,4 +1,6 @@
-"""Find the people in the foreground of all cameras by the learnt descriptor."""
+"""Find the people in the foreground of all cameras by the learnt descriptor, a network that finds people in depth
+images.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ is 0.5 to 0.9 and not 1, since the descriptor's rays (points of its coarse grid)
 foreground pixel at their depth; for parts of the room that were mistaken for people, it was 0.1 and 0.16.
 """
 
-# m, maximum difference between the depths of a pixel and of the descriptor's nearest ray; if it is larger, the outline
-# of a surface lies between both
+# m, maximum difference between the depths of a pixel and of the descriptor's nearest ray (a point of its coarse grid);
+# if the difference is larger, the outline of a surface lies between both
 EDGE_M: Final = 0.1
 
 
@@ -82,7 +84,8 @@ class PatientChoice:
 
 
 def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> People:
-    """Find the people in the foreground of all cameras at one moment by the learnt descriptor.
+    """Find the people in the foreground of all cameras at one moment by the learnt descriptor, a network that finds
+    people in depth images.
 
     A pixel gets the number of the person whom the descriptor finds at its nearest ray (a point of the descriptor's
     coarse grid), or -1 if this ray shows no person.
@@ -105,8 +108,9 @@ def see_people(pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> Pe
 
 
 def _person_of_pixels(pixels: Pieces, camera: Camera, rays: Sequence[np.ndarray | None]) -> np.ndarray:
-    """Return the person (n,) int32 of each foreground pixel, -1 if the descriptor's nearest ray shows no person or has
-    a different depth. rays: for each person (h, w) bool, the rays that show this person in this camera.
+    """Return the person (n,) int32 of each foreground pixel, -1 if the descriptor's nearest ray (a point of its coarse
+    grid) shows no person or has a different depth. rays: for each person (h, w) bool, the rays that show this person in
+    this camera.
     """
     said = described(pixels.depth_m, camera)
     owner = np.full(said.person.shape, -1, np.int32)

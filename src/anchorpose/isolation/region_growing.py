@@ -14,8 +14,8 @@ from numba import njit
 from anchorpose.isolation.ownership import NOBODY
 from anchorpose.isolation.scene import Pieces
 
-# additional cost of growing into a crease, per sigma of its depth beyond CREASE_SIGMAS; the unit of cost is one step to
-# the next pixel
+# additional cost of a step into a crease, for each standard deviation by which the crease is deeper than
+# ``CREASE_SIGMAS``; a step to the next pixel outside creases costs 1
 CREASE_COST: Final = 4.0
 # pixels, the width of a finger at 2.5 m; a pixel's depth is compared with the depths this far away on both sides
 CREASE_PX: Final = 3
@@ -28,9 +28,9 @@ def grow_regions(pixels: Pieces, owner: np.ndarray, crease_cost: float = CREASE_
     """Spread owners from decided to undecided pixels along the cheapest paths, until two owners' regions meet or the
     depth jumps.
 
-    owner (n,) uint8 for each foreground pixel: ``NOBODY`` if undecided. A step to the next pixel costs 1, and more in a
-    valley, where the surface lies behind its neighbours on both sides: two bodies that touch meet in such a valley.
-    Return (n,) uint8; ``NOBODY`` remains at pixels that are not connected to any owner.
+    owner (n,) uint8: the person to whom each foreground pixel belongs, ``NOBODY`` if undecided. A step to the next
+    pixel costs 1, and more in a valley, where the surface lies behind its neighbours on both sides: two bodies that
+    touch meet in such a valley. Return (n,) uint8; ``NOBODY`` remains at pixels that are not connected to any owner.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -43,8 +43,8 @@ def smooth_contact_m(pixels: Pieces, owner: np.ndarray, count: int) -> np.ndarra
     """Return (count, count) metres: length of the border across which the surfaces of two owners continue without a
     crease.
 
-    owner (n,) int: 0 to count - 1 for each foreground pixel, -1 = nobody. Two touching bodies meet in a crease; a
-    border without a crease divides a single body.
+    owner (n,) int: the number of the owner of each foreground pixel, 0 to ``count`` - 1, or -1 = nobody. Two touching
+    bodies meet in a crease; a border without a crease divides a single body.
     """
     limit, noise = pixels.sensor.jump_limit, float(np.sqrt(1.5)) * pixels.sensor.noise_per_m
     surface = _Surface(pixels.index, pixels.depth_m, pixels.row, pixels.column, limit.square, limit.slope, noise)
@@ -65,7 +65,9 @@ class _Surface(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """A queue of pixels and their new owners, in a ring of buckets by cost; each bucket is a linked list."""
+    """The queue of Dijkstra's algorithm: pixels and their new owners, in a ring of buckets by cost; each bucket is a
+    linked list.
+    """
 
     head: np.ndarray  # (buckets,) the first entry of each bucket, -1 = none
     after: np.ndarray  # (capacity,) the entry that follows each entry in its bucket
@@ -132,8 +134,8 @@ def _beside_open(surface: _Surface, owner: np.ndarray, pixel: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, crease_cost: float) -> tuple[int, int]:
-    """Return the number of a pixel's neighbour in a direction, -1 if its region cannot grow there, and the cost of
-    growing there, in steps.
+    """Return the number of a pixel's neighbour in a direction, and the cost of the step to this neighbour. The number
+    is -1 if the region of the pixel's owner cannot grow there.
     """
     depth = surface.depth
     r, c = surface.row[pixel], surface.column[pixel]

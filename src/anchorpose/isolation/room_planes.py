@@ -146,7 +146,9 @@ class Wall:
         return np.asarray(points_m - 2.0 * self.beyond_m(points_m)[..., None] * self.normal)
 
     def gap_before(self, point_m: np.ndarray) -> np.ndarray | None:
-        """Return (height, width) bool: connected gap through which a point (3,) is seen; None without such a gap."""
+        """Return (height, width) bool: the connected part of the gap through which this camera sees a point (3,); None
+        if the point is not seen through the gap.
+        """
         _, piece = cv2.connectedComponents(self.gap.astype(np.uint8), connectivity=4)
         _, [own], [inside] = self.camera.look(point_m[None], piece)
         return np.asarray(piece == own) if inside and own else None

@@ -47,8 +47,8 @@ SAMPLE: Final = 500  # number of points of a piece that are tested for flatness
 def flat_pieces(
     points_m: np.ndarray, depth_m: np.ndarray, piece: np.ndarray, area_m2: np.ndarray, noise_per_m: float
 ) -> np.ndarray:
-    """Return (n,) bool: pixels of boards, which are pieces that are flat (within the noise and ``FLATTEST`` of their
-    width) and rectangular.
+    """Return (n,) bool: pixels of boards, that is, of large pieces that are flat and rectangular. A piece is flat if
+    its points deviate from a plane by no more than the noise plus ``FLATTEST`` times the width of the piece.
 
     points_m (n, 3), depth_m (n,), piece (n,) numbered from 1, area_m2 (n,): one camera's foreground pixels.
     """
@@ -66,7 +66,8 @@ def flat_pieces(
         if thickness - noise > FLATTEST * np.sqrt(12.0 * spread[1]):  # points over a width w have variance w^2 / 12
             continue
         _, sides, _ = cv2.minAreaRect((own @ axes[:, 1:]).astype(np.float32))
-        # area as if the piece faced the camera; it is less than the true area, so a slanting board may be missed
+        # this is the area that the piece would have if it faced the camera; it is less than the true area, so a
+        # slanting board may be missed
         facing = area[large]
         flat[large] = facing > LEAST_FILLED * sides[0] * sides[1]
     return flat[piece]
@@ -133,7 +134,7 @@ def set_scene(camera: Camera, background: BackgroundModel, equipment: EquipmentM
 
 
 def find_all_pieces(frame_set: FrameSet, scenes: Sequence[Scene]) -> list[Pieces | None]:
-    """Return the pieces of all cameras at one moment; None for a camera without a frame."""
+    """Return the people's pixels (``Pieces``) of all cameras at one moment; None for a camera without a frame."""
 
     def pieces_of(depth_m: np.ndarray | None, scene: Scene) -> Pieces | None:
         return None if depth_m is None else find_pieces(depth_m, scene, frame_set.time_s)
@@ -198,8 +199,8 @@ def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: floa
 def _empty_around(depth_m: np.ndarray, people: np.ndarray, camera: Camera) -> np.ndarray:
     """Return (height, width) bool: pixels that have no reading because the recorder removed them as part of the room.
 
-    Such recorders also remove feet together with the floor. So the result leaves out the pixels up to ``FEET_M`` above
-    the lowest foreground pixel, and all pixels below.
+    Recorders that remove the room also remove feet, together with the floor. So the result leaves out the pixels up to
+    ``FEET_M`` above the lowest foreground pixel, and all pixels below.
     """
     rows = np.flatnonzero(people.any(axis=1))
     feet_px = int(FEET_M * camera.intrinsics.fy / float(np.median(depth_m[people])))

@@ -28,8 +28,8 @@ from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.threads import each
 
-# pixels, step in rows and columns between the pixels that likelihoods decide near the skin of several people; the other
-# pixels are decided by region growing
+# pixels; where the skin of several people is near, likelihoods decide only the pixels in every second row and column;
+# the other pixels are decided by region growing
 DECISION_PX: Final = 2
 # m, maximum distance of a detached piece from its person: a bar's width plus the distance that a hidden forearm moves
 DETACHED_M: Final = 0.12
@@ -43,7 +43,7 @@ FIRST_EARLIER_LABEL: Final = 128
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
     """Label each camera's pixels by person in a single frame, without knowledge from other frames.
 
-    The patient is the person nearest to the chosen place.
+    The patient is the person nearest to the place in ``choice``.
     """
     return label_people(pieces, people, by_distance(people, choice.ground_xz_m))
 
@@ -97,7 +97,9 @@ def separate(
 
 
 def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
-    """Return the label for the next new person. elapsed_s: time since the memory's frame; negative if backward."""
+    """Return the label for the next new person. elapsed_s: time since the frame that is remembered; negative in the
+    backward pass.
+    """
     return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 
@@ -118,7 +120,9 @@ def _grown(shown: Sequence[Pieces], owners: Sequence[np.ndarray]) -> list[np.nda
 
 
 def _with_detached(shown: Sequence[Pieces], owners: list[np.ndarray]) -> list[np.ndarray]:
-    """Give each piece without an owner to the person whose skin, seen by any camera, it nearly touches."""
+    """Give the pixels of each piece that have no owner to the person whose skin, as seen by any camera, these pixels
+    nearly touch.
+    """
     cameras = list(zip(shown, owners, strict=True))
     if not any(pixels.area_m2[owner == NOBODY].sum() >= SMALLEST_PIECE_M2 for pixels, owner in cameras):
         return owners
@@ -159,9 +163,9 @@ def _with_newcomers(
     next_label: int,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
-    """Give newcomers a label; return all owners. A newcomer is a person that the descriptor finds at pixels of which
-    most have no owner. The label is new. But if most of these pixels lie where the patient was seen last, the patient's
-    predicted place was wrong, and the newcomer gets the patient's label.
+    """Give newcomers a label; return the owners (n,) of each camera's foreground pixels. A newcomer is a person that
+    the descriptor finds at pixels of which most have no owner. The label is new. But if most of these pixels lie where
+    the patient was seen last, the patient's predicted place was wrong, and the newcomer gets the patient's label.
     """
     free = [owner == NOBODY for owner in owners]
     if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:

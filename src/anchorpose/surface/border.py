@@ -122,11 +122,13 @@ def _within_reach(kind: np.ndarray, spots: np.ndarray, disc: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True)
 def _edge_kinds(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return the kind (``Border``) of each patient pixel, by the surfaces within ``SEARCH_PX`` in eight directions.
+    """Return the kind of border (``Border``) at each of the patient's pixels; it depends on the surfaces that lie up to
+    ``SEARCH_PX`` away in eight directions.
 
-    Floor and foot plate are nearer to the camera than every sole, but they do not cut the patient's surface. So each
-    surface in front is extrapolated by its slope to the patient's pixel. There, the extrapolated floor has the same
-    depth as the sole, so it does not count as in front; an extrapolated bar is still in front of the patient.
+    Beside a sole, the floor or the foot plate is nearer to the camera than the sole, but it does not cut the patient's
+    surface. So each surface in front is extrapolated by its slope to the patient's pixel. There, the extrapolated floor
+    has the same depth as the sole, so it does not count as in front; an extrapolated bar is still in front of the
+    patient.
     """
     height, width = depth.shape
     kinds = np.zeros((height, width), np.uint8)
@@ -181,8 +183,9 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _holes(labels: np.ndarray) -> np.ndarray | None:
-    """Return (height, width) uint8: holes; None without holes. A hole is a region of lost readings that is thick enough
-    to hide something. At least the share ``HOLE_ENCLOSED`` of its rim must show the patient.
+    """Return (height, width) uint8: 1 at pixels in holes, else 0; None if the image has no holes. A hole is a region of
+    lost readings that is thick enough to hide something. At least the share ``HOLE_ENCLOSED`` of its rim must show the
+    patient.
 
     Recordings with a removed background have no readings around the patient. That region is not a hole, since it
     reaches the edge of the examined area.
@@ -206,8 +209,9 @@ def _holes(labels: np.ndarray) -> np.ndarray | None:
 
 @njit(cache=True, nogil=True)
 def _rims(component: np.ndarray, labels: np.ndarray, rim: np.ndarray, disc: np.ndarray, count: int) -> tuple:
-    """Return, for each component (count,) of lost readings, how many of the pixels ``rim`` (r,: flat indices) lie
-    within a disc (5, 5) of it, and how many of these show the patient.
+    """Return two arrays (count,), with one value for each connected component of lost readings: how many of the pixels
+    ``rim`` (r,: flat indices) lie within a disc (5, 5) around a pixel of the component, and how many of these pixels
+    show the patient.
     """
     height, width = component.shape
     length, enclosed = np.zeros(count, np.int64), np.zeros(count, np.int64)

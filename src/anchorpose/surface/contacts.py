@@ -16,21 +16,22 @@ from numba import njit
 from anchorpose.isolation.components import find_root, unite
 from anchorpose.surface.surface import ExpectedSkin, MeshArrays, SkinArrays, Surface, geodesic_lower_bound
 
-# 1/rad, additional cost of an edge in a path per radian of inward fold, divided by the edge's length; an edge that
-# folds by 3 degrees counts as twice as long
+# 1/rad; in a path, an edge counts as longer than it is, by its length times this factor times its inward fold in
+# radians; an edge that folds by 3 degrees counts as twice as long
 CREASE_COST: Any = np.float32(20.0)
 # m, minimum distance along the body between the skin points that the two ends of a contact's edge show; smaller
 # distances are no evidence of a contact, since neighbouring skin points are 3 cm apart
 LEAST_APART_M: Any = np.float32(0.07)
-# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Smooth skin folds less, so smooth skin is not
-# cut even if an arm is wrongly predicted to lie on it
+# rad (6 degrees per edge), minimum fold that gives evidence of a contact. Between neighbouring nodes, smooth skin folds
+# by less than this, so it is not cut even if an arm is wrongly predicted to lie on it
 LEAST_CREASE: Any = np.float32(0.10)
 # minimum sine of the angle between an edge and the skin at one of its ends, for the edge to count as a step. For
-# example, a step is at the rim of a hand on the trunk
+# example, the mesh has a step at the rim of a hand on the trunk
 LEAST_STEP: Final = 0.6
-# m; limits for an edge without fold or step to give evidence of a contact, too. Its ends must show skin points more
-# than SHOWN_APART_M apart on the body. Each end must be within SHOWN_NEAR_M of its skin point (along the skin, the
-# prediction may be off by half a limb) and within SHOWN_OFF_M of the tangent plane there
+# m; if these three limits are kept, even an edge without fold or step gives evidence of a contact. The edge's ends must
+# show skin points more than SHOWN_APART_M apart on the body. Each end of the edge must be within SHOWN_NEAR_M of the
+# skin point that it shows (along the skin, the prediction may be off by half a limb) and within SHOWN_OFF_M of the
+# tangent plane there
 SHOWN_APART_M: Any = np.float32(0.25)
 SHOWN_NEAR_M: Any = np.float32(0.06)
 SHOWN_OFF_M: Any = np.float32(0.02)
@@ -41,10 +42,11 @@ def decide_candidates(mesh: MeshArrays, candidates: np.ndarray, landmarks: np.nd
     """Return (n,) int32: the skin point that each node shows, chosen from the node's two candidates (n, 2) int32; -1 =
     none.
 
-    The decision spreads along the mesh from nodes with one candidate to nodes with two, on shortest paths; paths over
-    creases count as longer. Of a node's two candidates, the node takes the candidate that is nearer, along the body, to
-    the skin point that the preceding node on the path shows. The algorithm is label correcting (a node is decided again
-    whenever a shorter path to it is found), so the order of the nodes does not matter.
+    The decision spreads along the mesh from nodes with one candidate skin point to nodes with two candidates, on
+    shortest paths; paths over creases count as longer. Of a node's two candidates, the node takes the candidate that is
+    nearer, along the body, to the skin point that the preceding node on the path shows. The algorithm is label
+    correcting (a node is decided again whenever a shorter path to it is found), so the order of the nodes does not
+    matter.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -101,8 +103,8 @@ def cut_contacts(surface: Surface, expected: ExpectedSkin) -> Surface:
 
 @njit(cache=True, nogil=True)
 def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: np.float32) -> np.ndarray:
-    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts that are cut. skin (n,)
-    int32: the field of ``Surface``.
+    """Return the array ``ring`` (each node's neighbours) without the edges of the contacts (between touching parts of
+    the body) that are cut. skin (n,) int32: the field of ``Surface``.
     """
     points, normals, ring = mesh.points_m, mesh.normals, mesh.ring
     count = len(points)
@@ -143,7 +145,9 @@ def _cut(mesh: MeshArrays, skin: np.ndarray, expected: SkinArrays, least_step: n
 
 @njit(cache=True, nogil=True)
 def _near_skin(points: np.ndarray, node: Any, skin: SkinArrays, under: int) -> bool:
-    """Return whether a node lies near the expected place of the skin point that it shows."""
+    """Return whether a node lies near the expected place of the skin point ``under`` that it shows: within
+    ``SHOWN_NEAR_M`` of this point and within ``SHOWN_OFF_M`` of the tangent plane there.
+    """
     squared, along = np.float32(0.0), np.float32(0.0)
     for axis in range(3):
         gap = points[node, axis] - skin.points_m[under, axis]

@@ -16,17 +16,18 @@ SECOND_DIFFERENCE_GAIN: Final = 6.0**0.5  # standard deviation of z[-1] - 2 z[0]
 # largest step between grey values of a depth image, divided by depth; a larger difference between readings is an edge
 # of the body
 MAX_STEP: Final = 0.02
-# maximum share of readings that equal a neighbouring reading; if more are equal, readings differ by whole grey values,
-# not by noise
+# maximum share of readings that equal the reading two pixels further in the row; if more are equal, readings differ by
+# whole grey values, not by noise
 QUANTISED_SHARE: Final = 0.3
-# sigmas of the noise; a neighbour whose depth differs from the centre pixel's by more has no weight. The value is twice
-# the usual 3, since the centre pixel is noisy, too
+# sigmas of the noise; a neighbour whose depth differs from the centre pixel's by more has no weight. The limit is twice
+# the usual 3 sigmas, since the centre pixel is noisy, too
 RANGE_SIGMAS: Final = 6.0
 # degrees, maximum slant of a surface whose neighbouring pixels are connected; steeper skin is few pixels wide, and at
 # the edge of an arm the depth jumps by more than on such a slope
 MAX_SLANT_DEG: Final = 76.0
-# allowance for noise in the jump limit, in sigmas of the raw noise. Beside an edge, smoothing halves the noise, so two
-# sigmas of raw noise are about four sigmas of the smoothed depth
+# sigmas of the raw noise, allowance for noise in the jump limit (the largest depth difference between neighbouring
+# pixels on the same skin). Beside an edge, smoothing halves the noise, so two sigmas of raw noise are about four sigmas
+# of the smoothed depth
 JUMP_SIGMAS: Final = 2.0
 
 
@@ -34,9 +35,10 @@ def estimate_noise(depth_m: np.ndarray, mask: np.ndarray) -> float:
     """Return the noise coefficient a: a reading at depth z has a standard deviation of about ``a * z**2`` metres.
 
     depth_m (height, width) metres, 0 = no reading; mask (height, width) bool: the pixels to use. The coefficient is
-    computed from the median of the absolute second differences along rows, which edges hardly affect. If half the step
-    between the grey values of the depth image gives a larger coefficient, this coefficient is used. The coefficient is
-    0 for a frame without noise or without three neighbouring readings in a row.
+    computed from the median of the absolute second differences along rows, which edges hardly affect. If the image is
+    coarse (many readings are equal, ``QUANTISED_SHARE``), the coefficient is at least half the depth step between grey
+    values, divided by z**2. The coefficient is 0 for a frame without noise or without three neighbouring readings in a
+    row.
     """
     bend, step, step_per_z2 = _differences(depth_m, mask)
     if len(bend) == 0:
@@ -133,9 +135,8 @@ def _spatial(radius: int) -> np.ndarray:
 
 
 def _differences(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return three arrays (k,), with one value for every three neighbouring readings of a row. With z as the middle
-    reading, these are the second difference divided by z**2, the difference of the outer two divided by z, and the
-    latter difference divided by z**2.
+    """Return three arrays (k,), with one value for every three neighbouring readings a, z, b of a row. They are the
+    second difference ``|a - 2 z + b| / z**2``, and the differences ``|b - a| / z`` and ``|b - a| / z**2``.
     """
     top, bottom, left, right = extent(mask)
     inside = np.s_[top:bottom, left:right]
@@ -185,7 +186,8 @@ def _add_tap(
     total: np.ndarray,
     weights: np.ndarray,
 ) -> None:
-    """Add the neighbour at one offset to the sums of each pixel of a row.
+    """Add one neighbour of each pixel of a row, at the same offset for all pixels, to the pixel's sums of weights and
+    of weighted depth differences.
 
     own_place, tap_place: row and column of the first pixel, and of its neighbour. Indices are unsigned: for signed
     indices, the compiled code would first test whether an index is negative and so counts from the end of the array.
@@ -231,8 +233,9 @@ def _supported(
 def _count_tap(
     depth: np.ndarray, row: Any, i: Any, at: Any, there: Any, count: Any, limit: np.ndarray, support: np.ndarray
 ) -> None:
-    """Add 1 to ``support`` at each pixel of a row whose depth differs by at most ``limit`` from the depth of the pixel
-    at one offset. The indices are those of ``_add_tap``.
+    """Add 1 to ``support`` at each pixel of a row whose depth differs by at most ``limit`` from the depth of its
+    neighbour at an offset that is the same for all pixels. row, at: row and column of the first pixel; i, there: row
+    and column of its neighbour; all are unsigned, as in ``_add_tap``.
     """
     for k in range(count):
         z = depth[i, there + k]

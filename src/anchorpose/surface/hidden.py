@@ -61,20 +61,22 @@ def into_camera(camera: Pinhole, points: np.ndarray, k: int) -> tuple[np.float32
 REACH_M: Any = np.float32(0.12)
 MAX_TURN_DEG: Final = 70.0  # degrees, maximum angle between normals of node and skin; excludes a wrist's far side
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# factor on the part of a node's distance from a skin point that lies along the point's normal. The part along the skin
-# has less weight, since nodes may lie between skin points
+# factor on the part of a node's distance from a skin point that lies along the point's normal. The part of the distance
+# along the skin has less weight, since nodes may lie between skin points
 OFF_PLANE_WEIGHT: Any = np.float32(3.0)
 # m; two skin points are both candidates for a node if their distances from the node differ by less than this
 AMBIGUOUS_M: Any = np.float32(0.04)
-# m along the body, minimum distance between two candidates; skin points nearer to each other need not be distinguished
+# m along the body, minimum distance between a node's two candidate skin points; skin points nearer to each other need
+# not be distinguished
 FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. The limit
-# exceeds 90 degrees, since rays at the image's border slant
+# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. This limit
+# exceeds 90 degrees, since the rays at the image's border are not parallel to the optical axis
 LEAST_FACING: Any = np.float32(-0.5)
-# minimum width that a pixel covers at a node, divided by the width at the skin nearest to the camera. It is below 1,
-# since a node may be nearer to the camera than all expected skin
+# factor on the width that a pixel covers on the expected skin nearest to the camera; the product is the minimum width
+# that a pixel is assumed to cover at a node. The factor is below 1, since a node may be nearer to the camera than all
+# expected skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 
@@ -83,8 +85,8 @@ def find_ambiguous_skin(expected: ExpectedSkin) -> np.ndarray:
     """Return (k,) bool: ambiguous skin points, which are near other skin in space but far from it along the body. A
     node near such a point may show the point or the other skin.
 
-    Near means within twice ``AMBIGUOUS_M``. If the predicted skin is off by more than ``AMBIGUOUS_M``, some ambiguous
-    points are not found.
+    Two skin points are near each other in space if they are less than twice ``AMBIGUOUS_M`` apart. If the predicted
+    skin is off by more than ``AMBIGUOUS_M``, some ambiguous points are not found.
     """
     skin = expected.arrays
     order = np.argsort(skin.points_m[:, 1])
@@ -126,8 +128,8 @@ def _candidates(
     """Return (n, 2) int32: the nearest skin point of each node and, if this point is ambiguous, the nearest skin point
     far from it on the body.
 
-    The search starts around the node's own pixel, then covers all pixels that may have a nearer point than the best so
-    far.
+    The search for the skin point nearest to a node starts around the node's own pixel, then covers all pixels that may
+    have a nearer point than the nearest point so far.
     """
     points, landmarks, cols = mesh.points_m, skin.landmarks_m, grid.cols
     found = np.full((len(points), 2), -1, np.int32)
@@ -167,8 +169,10 @@ def _candidates(
 
 @njit(cache=True, nogil=True)
 def _measure(mesh: MeshArrays, n: int, place: np.ndarray, first: Any, last: Any, squared: np.ndarray) -> None:
-    """Compute the squared distances from node n to the skin points first to last of ``place``, with more weight along
-    the normals; inf if the normals differ too much. First and last are unsigned, so that the loop is vectorised.
+    """Write to ``squared`` the squared distance from node n to each skin point in ``place`` from ``first`` on, up to
+    the point before ``last``. The part of the distance along the skin's normal has more weight (``OFF_PLANE_WEIGHT``).
+    The result is inf if the normals of node and skin differ by more than ``MAX_TURN_DEG``. First and last are unsigned,
+    so that the loop is vectorised.
     """
     points, normals = mesh.points_m, mesh.normals
     steep = OFF_PLANE_WEIGHT * OFF_PLANE_WEIGHT - np.float32(1.0)
@@ -230,8 +234,9 @@ def _sort_into_cells(skin: SkinArrays, camera: Pinhole, rows: int, cols: int) ->
 def _beside_far_skin(place: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """Compute ``find_ambiguous_skin`` (k,) bool for skin points sorted by their height.
 
-    place (3, k), landmarks (k, l) float32. Points are sorted by height, so points whose height differs by at most 2
-    ``AMBIGUOUS_M`` are contiguous.
+    place (3, k) float32: the points; landmarks (k, l) float32: their distances along the body to l landmarks, as in
+    ``BodyMap``. Points are sorted by height, so points whose height differs by at most 2 ``AMBIGUOUS_M`` are
+    contiguous.
     """
     x, y, z = place[0], place[1], place[2]
     radius = np.float32(2.0) * AMBIGUOUS_M
@@ -267,9 +272,9 @@ def add_hidden_skin(
     seen nodes. The added nodes have links, but no ring of grid neighbours.
 
     depths_m: every camera's whole depth frame (height, width) float32 metres, 0 = no reading. A skin point is left out
-    if no node shows it and some camera sees through its place. Nodes at the rim of the seen surface are linked to the
-    skin point that they show. This skin point becomes a node, too, even if a camera sees through its place: the
-    predicted outline may be a few pixels too wide.
+    if no node shows it and some camera sees through its place, that is, reads a surface more than ``SEEN_THROUGH_M``
+    behind it. Nodes at the rim of the seen surface are linked to the skin point that they show. This skin point becomes
+    a node, too, even if a camera sees through its place: the predicted outline may be a few pixels too wide.
     """
     body, first = expected.map, len(surface)
     absent = _seen_through(expected, depths_m, cameras)
@@ -337,10 +342,11 @@ class Paths(NamedTuple):
 @njit(cache=True, nogil=True)
 def _place_hidden(seen: Seen, pairs: np.ndarray, absent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return two arrays for the skin points. place (k,): the number of the new node (of hidden skin) for the point, -1
-    = no new node. shown (k,): the piece of mesh in which an inner node (a node off the rim) shows the point, -1 = none.
+    = no new node. shown (k,): the piece of mesh of a node that shows the point, -1 if no inner node (a node off the
+    rim) shows the point.
 
-    A skin point that an inner node shows becomes a new node in two cases only. Either a node at the rim shows it, too,
-    or a neighbouring skin point that no inner node shows becomes a new node.
+    A skin point that an inner node (a node off the rim) shows becomes a new node in two cases only. Either a node at
+    the rim shows it, too, or a neighbouring skin point that no inner node shows becomes a new node.
     """
     skin, first = seen.skin, len(seen.skin)
     shown = np.full(len(absent), -1, np.int32)
@@ -377,7 +383,7 @@ def _link_hidden(seen: Seen, paths: Paths, place: np.ndarray, shown: np.ndarray)
     """Return the links (m, 2) between the new nodes (of hidden skin), and from seen nodes at the rim to new nodes, and
     the lengths (m,) float32 of these links.
 
-    Two skin points that one piece of mesh shows are not linked, since the mesh connects them.
+    Two skin points that nodes of the same piece of mesh show are not linked, since the mesh connects them.
     """
     skin, skin_points, pairs, via = seen.skin, paths.points_m, paths.pairs, paths.via
     most = len(pairs) + len(skin)

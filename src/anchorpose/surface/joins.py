@@ -1,6 +1,7 @@
 """Link parts of the surface that are separate in the depth frame but connected on the body.
 
-For example, a bar in front of the shins hides a strip of the leg, and a chin stands out in front of the neck.
+For example, a bar in front of the shins hides a strip of the leg, and a chin stands out in front of the neck, so that
+the depth jumps there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from anchorpose.surface.links import add_links, pieces, straight_m
 from anchorpose.surface.surface import Surface, SurfaceConfig
 
 # maximum distance of a node on one side of a gap from the tangent plane of the node on the other side, as a share of
-# the gap's width. Two nodes on a single shin have a smaller distance, nodes on two legs a far larger distance
+# the gap's width. On both sides of a bar, two nodes on the same shin are nearer than this to each other's tangent
+# plane; two nodes on different legs are much farther away from it
 MAX_DEPARTURE: Final = 0.35
 # m, added to the maximum distance from the tangent plane (``MAX_DEPARTURE``), to allow for soft tissue and noise beside
 # a narrow bar
@@ -26,8 +28,8 @@ MARGIN_PX: Final = 4  # pixels, width of the strip beside a bar in which reading
 FORWARD: Final = ((0, 1), (-1, 1), (-1, 0), (-1, -1))
 """Row and column offsets of the neighbours E, NE, N, NW; with these, every pair of grid neighbours occurs once."""
 
-# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap is wider, one
-# piece merely stands in front of the other piece, and no link is made
+# maximum width of the gap between two pieces at a link, divided by the gap's least width. Where the gap between two
+# pieces is wider than this, one piece merely stands in front of the other piece, and no link is made
 SPREAD: Final = 1.5
 
 
@@ -63,8 +65,9 @@ def _facing_pairs(
     margin: int,
     max_width: float,
 ) -> np.ndarray:
-    """Compute ``bridge_pairs`` across at most ``longest`` + 2 ``margin`` cells of the grid. Of these cells, at most 2
-    ``margin`` may be neither a node nor hidden by equipment.
+    """Compute ``bridge_pairs`` in compiled code: the nodes of a pair are at most ``longest`` + 2 ``margin`` grid steps
+    apart. The places of the grid between them have no node; at most 2 ``margin`` of these places may be visible, that
+    is, not hidden by equipment.
     """
     rows, cols = index.shape
     pairs = np.empty((4 * len(points), 2), np.int32)
@@ -165,8 +168,9 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
     shortest. The nodes of a pair are neighbours on the grid, and at most ``max_gap_m`` apart.
 
     index (rows, cols) int32: node on the grid, -1 = none; points_m (n, 3); piece (n,) int32: number of each node's
-    piece, from ``pieces``. Two pieces are joined once, across the shortest gap (Kruskal's rule). So an arm in front of
-    the trunk is not joined to the trunk directly if the shoulder connects them.
+    piece, from ``pieces``. Gaps are closed in the order of their width (Kruskal's rule), and a gap between two pieces
+    that other pieces connect already is not closed. So an arm in front of the trunk is not joined to the trunk directly
+    if the shoulder connects them.
     """
     pair = _seams(index, piece)
     gap = np.linalg.norm(points_m[pair[:, 0]] - points_m[pair[:, 1]], axis=1)
@@ -183,7 +187,7 @@ def join_pairs(index: np.ndarray, points_m: np.ndarray, piece: np.ndarray, max_g
 
 
 def _seams(index: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Return pairs (k, 2) of grid neighbours that are on different pieces."""
+    """Return pairs (k, 2) of nodes that are grid neighbours but on different pieces of surface."""
     rows, cols = index.shape
     found = []
     for down, right in FORWARD:

@@ -82,8 +82,8 @@ def _compress(
             filled[here] += 1
     start, place = np.zeros(count + 1, np.int32), np.full(count, -1, np.int32)
     end = 0
-    # merge repeated pairs; place: position at which each node occurs in the present row, less than start[n] if it does
-    # not
+    # merge repeated pairs; place[m]: position of node m among the links of node n; it is less than start[n] if node m
+    # has not occurred among them yet
     for n in range(count):
         for spot in range(room[n], room[n + 1]):
             there, metre = node[spot], metres[spot]

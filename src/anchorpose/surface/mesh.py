@@ -25,10 +25,10 @@ def estimate_normals(
 
     depth_m (height, width) float32 metres, 0 = no reading; rays (height, width, 2) float32 of ``Camera.pixel_rays``;
     pixel (n, 2) int16: row and column of pixels with a reading; the function is fastest if they are sorted by row, then
-    by column. slope, spread: the jump limit per pixel, from ``jump_coefficients``. Raises ValueError for a pixel
-    without a reading. The plane is fitted to the inverse depth, which on a plane is a linear function of the ray's two
-    coordinates. So the fit is exact for planes at any slant. If the noise of the depth grows as z**2, the inverse depth
-    has the same variance at all pixels.
+    by column. slope, spread: coefficients, from ``jump_coefficients``, of the jump limit, the largest depth difference
+    per pixel within one surface. Raises ValueError for a pixel without a reading. The plane is fitted to the inverse
+    depth, which on a plane is a linear function of the ray's two coordinates. So the fit is exact for planes at any
+    slant. If the noise of the depth grows as z**2, the inverse depth has the same variance at all pixels.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -48,7 +48,9 @@ class Window(NamedTuple):
 
 
 def _window(depth: np.ndarray, rays: np.ndarray, margin: int) -> tuple[Window, int, int]:
-    """Return the window, and the row and column in the depth frame of the window's first pixel inside the margin."""
+    """Return the window (the part of the depth frame with all readings, and a margin), and the row and column in the
+    depth frame of the window's first pixel inside the margin.
+    """
     top, bottom, left, right = extent(depth > 0)
     shape = bottom - top + 2 * margin, right - left + 2 * margin + 1
     window = Window(*(np.zeros(shape, np.float32) for _ in range(4)))
@@ -223,8 +225,8 @@ def faces(surface: Surface) -> np.ndarray:
     """Return the triangles of the mesh (f, 3) int32, with corners counter-clockwise as the camera sees them; each grid
     cell is cut along one diagonal.
 
-    Links have no triangles. A cell is cut along the diagonal that gives more triangles; if both give the same number,
-    along the diagonal down to the right.
+    Links have no triangles. A grid cell is cut along the diagonal that gives more triangles; if both diagonals give the
+    same number, along the diagonal down to the right.
     """
     right, down_left, down, down_right = surface.ring[:, 0], surface.ring[:, 5], surface.ring[:, 6], surface.ring[:, 7]
     left = surface.ring[:, 4]
@@ -321,8 +323,8 @@ def _link_ring(
     depth: np.ndarray, index: np.ndarray, pixel: np.ndarray, ring: np.ndarray, step: int, slope: float, spread: float
 ) -> np.ndarray:
     """Return each node's neighbours ``ring`` (n, 8): two nodes next to each other on the grid are linked if no two
-    successive readings between them differ by more than the jump limit. Lost readings between two neighbours are
-    skipped, so that a jump across them is still found.
+    successive readings between them differ by more than the jump limit (the largest depth difference within one
+    surface). Lost readings between two neighbours are skipped, so that a jump across them is still found.
     """
     rows, cols = index.shape
     linked = np.full((len(pixel), 8), -1, np.int32)

@@ -27,13 +27,14 @@ from anchorpose.surface.surface import ExpectedSkin, Surface, SurfaceConfig, geo
 from anchorpose.threads import each
 
 # m, maximum distance along the normal between two cameras' nodes on the same skin, due to clothes and noise. The skin
-# of an arm that lies on the trunk is farther than this from the skin of the trunk
+# of an arm that lies on the trunk is farther than this from the skin of the trunk, so the two are not taken for the
+# same skin
 MAX_OFF_PLANE_M: Any = np.float32(0.015)
 # degrees, maximum angle between the normals that two cameras measure on the same skin, due to noise
 MAX_TURN_DEG: Final = 60.0
 MIN_COSINE: Any = np.float32(np.cos(np.radians(MAX_TURN_DEG)))
-# m along the body, maximum distance between the skin points of two nodes on the same skin. It allows for the spacing of
-# skin points; skin points of two thighs are farther apart
+# m along the body, maximum distance between the skin points of two nodes on the same skin. The limit allows for the
+# spacing of skin points; skin points of two thighs are farther apart than this
 MAX_ON_BODY_M: Any = np.float32(0.09)
 
 
@@ -110,7 +111,7 @@ class Nodes(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A camera's nodes on their grid."""
+    """The nodes of a camera, by their places on the grid of every ``step``-th pixel."""
 
     node: np.ndarray  # (rows, cols) int32, the node at every ``step``-th pixel, -1 = no node
     step: int  # pixels between neighbouring nodes
@@ -124,8 +125,8 @@ def _same_skin(
     cameras: tuple[Camera, Camera],
     config: SurfaceConfig,
 ) -> np.ndarray:
-    """Return pairs (m, 2) int32 of nodes on the same skin: each node of the source surface, with the corners of the
-    target surface's grid cell around it, if they show this skin.
+    """Return pairs (m, 2) int32 of nodes on the same skin. A pair consists of a node of the source surface and a node
+    of the target surface that is a corner of the grid cell in which the target's camera sees the first node.
 
     source, target (2,): first node, and one past the last node; cameras: the cameras of source and target. Nodes of the
     source that the target's camera sees better are marked in ``dropped``.
@@ -158,8 +159,8 @@ def _lengths_m(points_m: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
-    """Return (n,) bool, nodes to keep: all nodes not dropped, and dropped nodes at most two grid steps from such a
-    node.
+    """Return (n,) bool, nodes to keep: all nodes that are not dropped, and dropped nodes at most two grid steps away
+    from a node that is not dropped.
     """
     stay = ~dropped
     for _ in range(2):
@@ -171,8 +172,8 @@ def _with_border(ring: np.ndarray, dropped: np.ndarray) -> np.ndarray:
 def _pair_corners(
     nodes: Nodes, begin: int, end: int, grid: Grid, camera: Pinhole, eyes: np.ndarray, max_apart: np.float32
 ) -> np.ndarray:
-    """Compute ``_same_skin`` for the nodes from begin to end. grid, camera: grid and camera of the other surface; eyes
-    (2, 3) float32: positions of the nodes' own camera and of the other camera.
+    """Compute ``_same_skin`` for the source's nodes from ``begin`` to ``end`` - 1. grid, camera: grid and camera of the
+    target surface; eyes (2, 3) float32: positions of the source's and of the target's camera.
     """
     points, shown, step = nodes.points_m, nodes.skin, grid.step
     rows, cols = grid.node.shape
@@ -232,8 +233,8 @@ def _one_skin(nodes: Nodes, p: int, q: int, max_apart: np.float32) -> bool:
 
 @njit(cache=True, nogil=True)
 def _squareness(nodes: Nodes, p: int, q: int, eye: np.ndarray) -> np.float32:
-    """Return, up to a constant factor, how many readings per square metre of the skin at nodes p and q a camera at
-    ``eye`` (3,) has.
+    """Return a number proportional to how many readings a camera at ``eye`` (3,) has per square metre of the skin at
+    nodes p and q; it is larger if the camera is near and sees the skin squarely.
     """
     points, normals = nodes.points_m, nodes.normals
     along, away2 = np.float32(0), np.float32(0)

@@ -1,6 +1,7 @@
 """Define the surface mesh M = {V, E} (paper, Section III), organised as the camera's pixel grid, and its settings.
 
-The module also defines the patient's expected skin, which is predicted before registration.
+The module also defines the patient's expected skin, which is predicted before the body is fitted to the frame
+(registration).
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ class SurfaceConfig:
 
     # whether the predicted body decides where the mesh is cut and closed; False = depth images alone, as in the paper
     by_body: bool = True
-    # pixels between nodes, 13 mm at 2.4 m. With 2 instead of 1, the geodesic error grows by 3 mm, and the computing
-    # time falls to a quarter
+    # pixels between nodes, 13 mm at 2.4 m. With a node at every second pixel instead of every pixel, the geodesic error
+    # grows by 3 mm, and the computing time falls to a quarter
     step: Count = 2
     # m2, minimum area of a piece of surface, half a palm; smaller pieces are left out: bits of clothes, bars and floor
     min_piece_m2: NotNegative = 0.0020
@@ -35,7 +36,7 @@ class SurfaceConfig:
     # pixels; smoothing in a window of 5x5 pixels (3 cm at 2.4 m) reduces errors of path lengths to about 1 %
     denoise_radius_px: Count = 2
     # minimum number of a pixel's 8 neighbours on the same surface; pixels with fewer are dropped. A pixel at a
-    # fingertip 2 pixels wide has 3 such neighbours
+    # fingertip 2 pixels wide has 3 neighbours on the same surface
     min_support: Annotated[int, Field(ge=0, le=8)] = 3
     # m, maximum width of a bridged bar, as wide as a knee pad with its shadow; skin behind wider bars is unknown
     bridge_max_width_m: NotNegative = 0.15
@@ -170,7 +171,9 @@ class ExpectedSkin:
 
     @property
     def arrays(self) -> SkinArrays:
-        """Return places and distances in the form that compiled functions (kernels) read."""
+        """Return the skin points' places, normals and distances to landmarks, in the form that compiled functions
+        (kernels) read.
+        """
         return SkinArrays(
             np.ascontiguousarray(self.points_m, dtype=np.float32),
             np.ascontiguousarray(self.normals, dtype=np.float32),
@@ -182,7 +185,7 @@ class ExpectedSkin:
 def geodesic_lower_bound(landmarks: np.ndarray, a: Any, b: Any) -> np.float32:
     """Return a lower bound, by the triangle inequality, on the distance of two skin points along the body's mesh.
 
-    landmarks (k, l) float32 of ``BodyMap``.
+    landmarks (k, l) float32: distances of the skin points to l landmarks of the body, from ``BodyMap``.
     """
     most = np.float32(0.0)
     for k in range(landmarks.shape[1]):

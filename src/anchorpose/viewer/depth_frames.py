@@ -35,7 +35,8 @@ def clocks_of_run(path: Path, run: dict[str, Any], cameras: tuple[str, ...]) -> 
 
 
 # pixels, distance to each side of a pixel at which depth is read to compute the slope of the surface; both sides
-# together are about 5 cm wide on a surface at 2 m. With fewer pixels, noise would be visible.
+# together are about 5 cm wide on a surface at 2 m. With a smaller distance, noise would be visible in the brightness of
+# the surface.
 REACH_PX: Final = 4
 JUMP_M: Final = 0.15  # m, maximum step in depth within a surface; a larger step is the edge of another surface
 
@@ -48,7 +49,8 @@ def shade(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
     """Return the brightness of each pixel (height, width) uint8, 255 = the surface faces the light. Brightness is used
     only for display, where it shows the shape of surfaces.
 
-    depth_m (height, width) metres, 0 = no reading. The slope is 0 where a neighbour is missing or on another surface.
+    depth_m (height, width) metres, 0 = no reading. Where a neighbouring reading is missing or on another surface, the
+    slope of the surface counts as 0.
     """
     z = np.maximum(depth_m, 0.1)
     across = _slope(depth_m, 1) * (camera.intrinsics.fx / (2 * REACH_PX)) / z

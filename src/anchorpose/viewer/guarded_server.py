@@ -86,8 +86,8 @@ class GuardedServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # Maximum number of connections that wait to be accepted. If more wait, a browser whose connection is not accepted
-    # tries again after a second.
+    # Maximum number of connections that wait to be accepted. If more connections wait, a browser whose connection is
+    # not accepted tries again after a second.
     request_queue_size = 128
     page: ClassVar[str]
     program: ClassVar[str]

@@ -67,7 +67,7 @@ MOST_ROWS: Final = 512  # maximum number of frames whose table rows are in one a
 def overview_payload(review: Review) -> bytes:
     """Return packed arrays with one entry per frame of the results: time_s (n,) float64 and frame (n,) int32, the
     frame's number; observed and lost (n,) uint8: the number of joints in these states; unexplained (n,), if the results
-    have it: as in ``results.explained.unexplained``.
+    have this table: how badly the pose explains the depth images (``results.explained.unexplained``).
 
     meta: middle_m, the median position of the patient's joints, and lowest_m, the height of the lowest joint in all
     frames; null if unknown.
@@ -232,16 +232,16 @@ def _positions(depth_frames: DepthFrames, first: int, count: int) -> range:
 
 
 def _rows(frames: int, first: int, count: int, most: int) -> slice:
-    """Return the slice of ``count`` rows from ``first`` on; raises ValueError for rows that do not exist, or for more
-    than ``most``.
+    """Return the slice of ``count`` rows from ``first`` on, cut off at the last row, ``frames`` - 1. Raises ValueError
+    if the row ``first`` does not exist, or if ``count`` is not from 1 to ``most``.
     """
     if not (0 <= first < frames and 1 <= count <= most):
         raise ValueError(f"there are no frames {first} to {first + count - 1}")
     return slice(first, min(first + count, frames))
 
 
-# Maximum number of bones that move a vertex of the body's skin on the page. If all its bones moved it, the vertex would
-# be elsewhere by at most 5 mm.
+# Maximum number of bones that move a vertex of the body's skin on the page. If all bones with a weight on a vertex
+# moved it, the vertex would be elsewhere by at most 5 mm.
 INFLUENCES: Final = 4
 
 

@@ -53,9 +53,9 @@ Spans = tuple[tuple[int, int], ...]
 
 
 def blind(review: Review, trials: Sequence[Trial]) -> tuple[Review, Spans]:
-    """Return the frames of all trials in the given order, without names, angles, contacts, anchors and the table
-    ``explained``, and with other frame numbers and times than in the session. Also return the first and the last row of
-    each trial in these frames.
+    """Return the frames of all trials in the given order, without names, angles, contacts, anchors and the table of how
+    well poses explain the depth images, and with other frame numbers and times than in the session. Also return the
+    first and the last row of each trial in these frames.
     """
     parts = [trial_rows(trial, review.joints.time_s) for trial in trials]
     ends = np.cumsum([part.stop - part.start for part in parts]).tolist()
@@ -107,7 +107,7 @@ class ScoreFile:
             raise InputError(path, problem, "move that file away to begin again")
 
     def current(self) -> Ratings:
-        """Return the present content of the file."""
+        """Return the present content of the rater's file."""
         found = read_ratings(self.path)
         require_session(self.path, found, self.session)
         if found.rater != self.rater:
@@ -115,8 +115,8 @@ class ScoreFile:
         return found
 
     def give(self, shown: Any, score: Any) -> Ratings:
-        """Write a score to the file. shown: position of the scored trial in the order shown, counted from 1. Raises
-        ValueError if this position or the score is invalid.
+        """Write a score to the rater's file. shown: position of the scored trial in the order shown, counted from 1.
+        Raises ValueError if this position or the score is invalid.
         """
         if type(score) is not int or not 0 <= score <= BEST_SCORE:
             raise ValueError(f"a score is a whole number from 0 to {BEST_SCORE}")

@@ -209,8 +209,8 @@ class WorstFrame:
 
 
 def unexplained_frames(table: ExplainedTable) -> tuple[WorstFrame, ...]:
-    """Return the frames in which the pose fits the depth images worst, the worst first. They are the same as in
-    run.json and the report.
+    """Return the frames in which the pose fits the depth images worst, the worst first. The same frames are listed in
+    run.json and in the report.
     """
     rows = {int(number): row for row, number in enumerate(table.frame)}
     return tuple(WorstFrame(rows[moment.frame], moment.reason, None) for moment in worst_moments(table))
@@ -222,9 +222,10 @@ def worst_frames(
     """Return frames to check: first frames with lost joints, then frames with unusable depth images, then frames with
     few matches, then frames with a large sigma.
 
-    matched_share (n,): as in ``Review``. For each kind of reason, the worst frame comes first, then the worst frame
-    that is at least a second away from it, and so on. Of successive frames with unusable depth images (``dropped``),
-    only the first is listed; the longest such series is the worst.
+    matched_share (n,): for each frame, the share of surface points that were matched in the next frame (``Review``).
+    For each kind of reason, the worst frame comes first, then the worst frame that is at least a second away from it,
+    and so on. Of successive frames with unusable depth images (``dropped``), only the first is listed; the longest such
+    series is the worst.
     """
 
     def worst(badness: np.ndarray) -> list[int]:
@@ -287,8 +288,8 @@ def locked(path: Path) -> Iterator[None]:
 
 
 class CorrectedMeanwhile(ValueError):
-    """The refusal of a correction because the valid correction of the same joint, or of the patient, is not the one
-    that the page showed to the reviewer: it was added, replaced or withdrawn meanwhile.
+    """The error for a correction that is refused because the page showed outdated data: since then, the correction of
+    the same joint, or of the patient, was added, replaced or withdrawn.
 
     current: all corrections at present.
     """
@@ -318,7 +319,9 @@ class CorrectionFile:
         self.current()
 
     def current(self) -> Corrections:
-        """Return the present content of the file; the initial corrections if the file does not exist yet."""
+        """Return the present content of the file of corrections; if the file does not exist yet, return the initial
+        corrections.
+        """
         if not self.path.exists():
             return self.initial
         found = read_corrections(self.path)
@@ -326,7 +329,8 @@ class CorrectionFile:
         return found
 
     def add(self, given: dict[str, Any], replaces: dict[str, Any] | None = None) -> Corrections:
-        """Add a correction. The times of its frames and the present time, in the field ``when``, are filled in here.
+        """Add a correction. This function writes the times of the correction's frames, and the present time in the
+        field ``when``, into the correction.
 
         replaces: the correction of the same joint, or of the patient, that the page showed to the reviewer as valid,
         exactly as in the file; None if it showed none. Raises InputError if the correction cannot be added,
