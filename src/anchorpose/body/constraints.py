@@ -132,7 +132,7 @@ def thin(count: int, wanted: int) -> np.ndarray:
     return np.linspace(0, count - 1, wanted).astype(np.int64)
 
 
-_ANCHOR_SIGMA_M: Final = 0.05  # m, upper bound on the error of an anchor's place (paper, Section V)
+_ANCHOR_SIGMA_M: Final = 0.05  # m, upper bound on the error of an anchor's place (paper, Section VI)
 
 
 @cache

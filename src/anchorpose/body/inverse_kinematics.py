@@ -1,4 +1,4 @@
-"""Find poses whose joints are at given places. The places are predicted (paper, Section IV), proposed by a search, or
+"""Find poses whose joints are at given places. The places are predicted (paper, Section V), proposed by a search, or
 set by a reviewer.
 """
 

@@ -1,5 +1,5 @@
 """Find one frame's pose: register the articulated body, from its predicted pose, to the frame's surface and to the
-nodes that the track tree matched (paper, Section IV).
+nodes that the track tree matched (paper, Section V).
 """
 
 from __future__ import annotations

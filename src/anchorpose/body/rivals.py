@@ -1,4 +1,4 @@
-"""Follow rivals until the images decide (paper, Section IV-D). Rivals are poses that explain the images almost as well
+"""Follow rivals until the images decide (paper, Section V). Rivals are poses that explain the images almost as well
 as the best pose.
 
 The best pose and its rivals are registered to every frame. A rival that explains the last frames clearly better

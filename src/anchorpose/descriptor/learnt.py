@@ -1,7 +1,7 @@
 """Describe depth images by the learnt descriptor: which pixels show people, and which place on the body each shows.
 
 The paper's descriptor (Definition 3) consists of the geodesic distances from a surface point to the anchors. Measured
-on an image, these distances are wrong wherever parts of the body are hidden (Section VI calls this error e_3). Here a
+on an image, these distances are wrong wherever parts of the body are hidden (Section IV-C calls this error e_3). Here a
 network that was trained on simulated images finds the place of each pixel on the skin of a complete body, where the
 distances are known. See ``docs/descriptor.md``.
 """

@@ -1,5 +1,5 @@
 """Find and name the anchors: head, hands and feet as extrema of the geodesic distance from the body's centre (paper,
-Definition 2, Section III). An extremum is a node farther from the centre, along the surface, than all nodes around it.
+Definition 2, Section IV-B). An extremum is a node farther from the centre, along the surface, than all nodes around it.
 
 Three kinds of evidence decide which anchor (which body part) an extremum is. (1) Its place: the distance from the
 centre, the height above the body's middle, and the distance to the left of the middle. (2) Its path to the centre:
@@ -232,7 +232,7 @@ class Anchors:
 
 @settings
 class AnchorConfig:
-    """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section V)."""
+    """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section VI)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     # depth of an extremum's cap (the surface around it), measured from the tip towards the body's centre (6 cm, about a

@@ -1,5 +1,5 @@
 """Compute geodesic distances (lengths of the shortest paths along a surface) by fast marching with unfolding (paper, gd
-of Section III).
+of Section IV-A).
 
 The mean error of a computed distance is 3 to 9 mm. A front (the edge of the region whose distances are known) starts at
 the source and reaches the nodes in the order of distance. A node gets its distance from a triangle that it forms with

@@ -8,7 +8,7 @@ distances that SpineBase has travelled along X, Y and Z of the heading frame, su
 is measured in the heading frame of its moment. The fourth number is the heading in radians, unwrapped. Only differences
 of these 4 numbers between frames have a meaning.
 
-A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section IV) has the sub-lists
+A sub-list is a short series of poses in a reference movement. The scaled set D_s (paper, Section V) has the sub-lists
 of all movements at several speeds. The poses of D_s are not stored: two numbers describe a sub-list, the place of its
 newest pose in the clips and its speed (frames of the clip per frame of the recording). The poses of a sub-list are
 interpolated on demand.

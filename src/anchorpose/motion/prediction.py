@@ -1,5 +1,5 @@
 """Predict the joints of the next frames by scaled motion dynamics: find the movements in the database that are most
-similar to the last frames, by an exact search, and continue them (paper, Section IV).
+similar to the last frames, by an exact search, and continue them (paper, Section V).
 """
 
 from __future__ import annotations

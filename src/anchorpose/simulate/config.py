@@ -237,7 +237,7 @@ def rough_recorder(config: SimulationConfig) -> SimulationConfig:
 
 
 def holes(seed: int, radius_m: float, seconds: float = 10.0, fps: float = 15.0) -> SimulationConfig:
-    """Return settings for the experiment in Section V of the paper that README.md cites: one camera and one person; in
+    """Return settings for the experiment in Section VI of the paper that README.md cites: one camera and one person; in
     random frames, the depth image has a hole around the body's centre.
     """
     return SimulationConfig(

@@ -190,7 +190,7 @@ def body_centre_m(cameras: tuple[Camera, ...], images: list[TrueImage]) -> np.nd
 
 
 def _with_hole(clinic: Clinic, images: list[TrueImage], depths_mm: list[np.ndarray]) -> list[np.ndarray]:
-    """Remove all readings within ``hole_radius_m`` of the body's centre, as in Section V of the paper that README.md
+    """Remove all readings within ``hole_radius_m`` of the body's centre, as in Section VI of the paper that README.md
     cites.
     """
     centre_m = body_centre_m(clinic.cameras, images)

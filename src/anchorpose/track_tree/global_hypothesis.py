@@ -1,6 +1,6 @@
 """Match nodes of the patient's surface with nodes of the next frame, by the best branches of a track tree. The tree
 holds the possible matches of each node over two to four frames. The best matches become constraints on the body's pose
-(paper, Section IV).
+(paper, Section V).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Register every body part separately, by ICP (iterative closest point) from the predicted pose, as in the paper
-(Section IV).
+(Section V).
 
 In all arrays of points, the rows of a body part are contiguous. Part k has the rows start[k] to start[k + 1]; start is
 (parts + 1,) int64.

@@ -1,5 +1,5 @@
 """Search the track tree of each node (its possible matches over several frames) for the branch that is nearest to the
-node's predicted places (paper, Section IV).
+node's predicted places (paper, Section V).
 
 A branch is a chain of matches from frame to frame: it has one node in each of up to N_Tr frames (the depth of the
 tree), and all its nodes may show the same place on the skin.

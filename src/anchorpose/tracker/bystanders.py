@@ -3,7 +3,7 @@ over time. Each pixel can then be compared with the predicted skin of every pers
 
 A therapist's forearm may touch or cross the patient's forearm. The skin seen in earlier frames does not always reveal
 to whose forearm a pixel belongs, and a wrong person label persists in later frames. Fitted bodies can reveal the owner
-of the forearm, since an arm is attached to only one person (paper, Section III, transient occlusion).
+of the forearm, since an arm is attached to only one person (paper, Section I, transient occlusions).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Follow one patient through time: predict, associate and register frame by frame (paper, Section IV)."""
+"""Follow one patient through time: predict, associate and register frame by frame (paper, Section V)."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class PatientTracker:
         self.first = self._estimate(Registration(self.belief, start.explained, True), start.observation, None)
 
     def step(self, frame_set: FrameSet | None, only_look: bool = False) -> Estimate | None:
-        """Add a frame to the look-ahead, and track the next frame whose look-ahead is complete (paper, Section IV).
+        """Add a frame to the look-ahead, and track the next frame whose look-ahead is complete (paper, Section V).
 
         frame_set: the frame to add, None after the last frame; only_look: do not track. Frames are estimated in order.
         Returns the estimate of the tracked frame, None if no frame was tracked.
@@ -258,7 +258,7 @@ class PatientTracker:
     def _observe(self, number: int) -> Observation:
         """Observe frame ``number`` of the window; all frames before it must be observed already."""
         frame_set, before = self.window.frames[number], self.window[number - 1]
-        # predict: scaled motion dynamics predict where the body will be (Section IV-C)
+        # predict: scaled motion dynamics predict where the body will be (Section V)
         expected = self.expect(self.predict(number)[-1])
         # isolate: decide which pixels show the patient, other people, the equipment and the room
         isolated, step = isolate(frame_set, expected, before, self.run)

@@ -1,4 +1,4 @@
-"""Decide who is who after an occlusion, by comparing scene hypotheses (paper, Section III, transient occlusion).
+"""Decide who is who after an occlusion, by comparing scene hypotheses (paper, Section V, transient occlusions).
 
 A scene hypothesis is a pose of the patient and of every other person in view, with the label of each pixel. While the
 patient is hidden, prediction and labels may be wrong: a helper who comes into view where the patient was expected gets
