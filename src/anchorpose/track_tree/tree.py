@@ -44,8 +44,9 @@ class TrackResult:
     """The global hypothesis: the first match on the best branch of each source node."""
 
     match: np.ndarray  # (m,) int32, node of the next surface, -1 = missed
-    # (m,) float32 m, cost of the best branch (smaller is better): sum of the distances to the prediction, of
-    # ``costs_m``, and of ``missed_cost_m`` for frames without a match; NaN without a prediction
+    # (m,) float32 m, cost of the best branch (smaller is better). Each match on the branch costs its distance to the
+    # predicted place, plus its entry in the argument ``costs_m`` of ``best_branches``. Each frame without a match costs
+    # ``missed_cost_m``. The cost is NaN if the node has no predicted places
     score: np.ndarray
     subset: np.ndarray  # (m,) int32, column (subset) in which the match is found, -1 = missed
     support: np.ndarray  # (m,) int8 of ``Support``

@@ -36,8 +36,8 @@ SOME_OF_PEOPLE, MUCH_OF_PEOPLE = 0.15, 0.40
 # example because a camera blurs depth edges. If a camera sees past more than this share of the room, the recording is
 # refused. The limit is higher than MUCH_OF_ROOM, since the people's surface cannot confirm that a camera pose is wrong
 ROOM_ALONE: Final = 0.6
-# m; a camera sees past a surface if its reading is farther behind the surface than this. Camera poses that are wrong by
-# 3 cm and 1 degree displace people by 0.12 m
+# m; a camera sees past a surface that another camera shows if its reading is more than this behind the surface. For
+# scale: a pose that is wrong by 3 cm and 1 degree displaces people by 0.12 m
 AWAY_M: Final = 0.10
 LEAST_SHARED: Final = 500  # minimum number of points that both cameras see; with fewer, shares are unknown
 POINTS: Final = 20000  # number of points of one camera's room that are compared

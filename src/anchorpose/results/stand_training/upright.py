@@ -59,7 +59,10 @@ UPRIGHT_MEASURES: Final = {
 
 
 def time_measures(session: Session) -> list[Measure]:
-    """Return recorded, found, upright and unknown time, upright share, number of upright bouts and longest bout."""
+    """Return seven measures: the recorded time; the time in which the patient was found; the time in which it is
+    unknown whether the patient was upright; the upright time; its share of the time in which this is known; the number
+    of upright bouts; and the longest of these bouts.
+    """
     seconds, state, state_code = session.seconds, session.posture.upright, session.stance.state_code
     is_known, standing = state != UNKNOWN, state == UPRIGHT
     total, known_s = recorded_seconds(session.joints.time_s), float(seconds[is_known].sum())
