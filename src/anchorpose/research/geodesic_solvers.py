@@ -66,8 +66,8 @@ def edge_graph(surface: Surface) -> csr_array:
 def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
     """Return (s, n) float32 metres: length of the shortest path along edges from each of ``nodes`` (s,) to every node.
 
-    Missing values are marked as by ``geodesic_distance``.
-    Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
+    The length is inf for nodes that are not connected with the source, or farther than ``max_distance_m``, as in
+    ``geodesic_distance``. Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
     """
     if len(nodes) == 0:
         return np.empty((0, len(surface)), np.float32)
@@ -174,7 +174,8 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
     """Return the distances (n,) float64 from one node.
 
-    Distances are inf on other pieces of the surface, and NaN on the node's own piece where no triangles lead.
+    Distances are inf on other pieces of the surface, and NaN at nodes of the same piece that cannot be reached over
+    triangles.
     """
     field = np.full(len(surface), np.inf)
     field[node] = 0.0

@@ -91,7 +91,8 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     """Return the joints (t, 21, 3) of a skeleton.npz, metres, world; uncertain joints are NaN.
 
     The file has the ``names`` of m of the 21 joints and ``xyz`` (t, m, 4): metres in the camera's frame (x right, y up,
-    z away) and confidence. A joint at the origin is missing. Raises InputError if the file is not such a skeleton.
+    z away) and confidence. A joint exactly at the camera's origin counts as missing. Raises InputError if the file is
+    not such a skeleton.
     """
     remedy = "give names and xyz (t, joints, 4)"
     arrays = read_arrays(skeleton, ("names", "xyz"), remedy)

@@ -15,7 +15,7 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """A kind of recording. Only ``PAPER`` is in the paper."""
+    """A kind of recording. Only the kind ``PAPER`` is in the paper; this project has added the other kinds."""
 
     PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
     LOOSE = "loose"  # as PAPER, but with looser clothes, whose folds are 14 mm above the skin instead of 9 mm
@@ -87,14 +87,15 @@ class ExperimentConfig:
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
     windows: Count = 2
-    # Forms of the framework that run. Forms without a fit to the surface run only without holes and with the largest
-    # hole.
+    # Forms of the framework that run. The forms that do not fit body parts to the surface run only without holes and
+    # with the largest hole.
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
     scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    # whether variants of anchorpose's tracker that lack one component each also run, in scenes with a standing frame
+    # whether variants of anchorpose's tracker, each without one of its components, also run; they run in the scenes in
+    # which the bars of a standing frame are in front of the patient
     ablation: bool = True
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401

@@ -15,7 +15,8 @@ from anchorpose.research.experiment.plan import Kind, Task
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}
 USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without matching (``Method.frame_ms``)
 USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
-# time per frame and camera to simulate a recording and track it for the reference, as a multiple of ``own_s``
+# time per frame and camera to simulate a recording and track it for the reference, as a multiple of ``Costs.own_s``,
+# the time per frame of this project's tracker
 MAKING: Final = 2.0
 
 

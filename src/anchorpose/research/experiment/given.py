@@ -226,5 +226,7 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Return the views as a result of the stage ``isolation``, but without remembered people and bystanders' bodies."""
+    """Return the cameras' labelled depth frames in the form in which the stage ``isolation`` returns them, but without
+    other people: neither remembered people nor bystanders' bodies.
+    """
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

@@ -100,7 +100,8 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            # all nodes are matched at once, which is faster, since nearly all matches are requested in the end
+            # the first call matches all nodes at once and keeps the result; this is faster than matching a few nodes
+            # per call, since nearly all matches are requested in the end
             @cache
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
@@ -181,7 +182,7 @@ NO_SUBSET: Final = np.empty((1, 0), np.int64)
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """Return the methods with these keys or from these files, in this order.
+    """Return the methods that ``wanted`` names by their keys or files, in the order of ``wanted``.
 
     If ``wanted`` is empty, all methods of the package are returned. A file is a Python module with ``METHODS``, a tuple
     of one method. Raises InputError for an unknown key, a key that two methods have, and a file without ``METHODS``.

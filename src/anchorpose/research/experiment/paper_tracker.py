@@ -59,7 +59,8 @@ class PaperTracker(PatientTracker):
         """Track the next frame as ``PatientTracker.step`` does, but without joints' states and sigmas, which are not
         compared.
 
-        Return whether a frame was registered.
+        Return True if the pose was registered to a frame, False if this frame's look-ahead is not read yet or no frame is
+        left.
         """
         ready = self._look(frame_set)
         if ready:
@@ -86,7 +87,8 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        # without rejection, the fitted pose is kept even if ``posterior`` does not accept it
+        # a form that rejects no matches keeps the fitted pose even if ``posterior`` finds that the seen surface does
+        # not belong to the body in this pose
         if not robust and not found.found:
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found

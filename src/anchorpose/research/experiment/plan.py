@@ -81,7 +81,7 @@ def experiment_code() -> str:
 # variants.
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
 # Radius in m of the hole in half of the pairs of training frames. The other pairs have no hole, since a setting must
-# work for both.
+# work with and without holes.
 TUNING_HOLE_M: Final = 0.12
 
 

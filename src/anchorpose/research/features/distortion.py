@@ -63,7 +63,7 @@ def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates:
     In both sets, nodes lie as far apart as possible.
 
     Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
-    pieces of a surface, distances are ``APART_M``.
+    pieces of a surface, distances are ``APART_M``, far greater than any distance on a body.
     """
     nodes = farthest_points(one, samples)[0], farthest_points(other, candidates)[0]
     return least_distortion(_among(one, nodes[0]), _among(other, nodes[1]))

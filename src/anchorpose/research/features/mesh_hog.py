@@ -165,7 +165,8 @@ def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -
             total += weight
     if not total > 0.0:
         return np.nan
-    # Angles are counted from this direction, since it turns with the body, unlike the frame's tangents
+    # Angles are counted from the weighted mean direction (x, y) of the neighbours, since this direction turns with the
+    # body, unlike the frame's tangents
     begin = turn_fraction(x, y, 0.0)
     polar[:] = 0.0
     for c in range(count):

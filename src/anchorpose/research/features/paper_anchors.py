@@ -1,4 +1,5 @@
-"""Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all other nodes within 0.5 m.
+"""Find the paper's anchors (Sections IV-B and V): nodes that are farther along the surface from the body's centre than
+all other nodes within 0.5 m.
 
 Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
 The paper orders extrema "based on the corresponding body parts" and gives no rule. In this module, an extremum has the
@@ -37,7 +38,8 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
     apart = np.where(apart < SAME_END_M, apart, np.inf)
-    # m; distances are capped, so that an assignment exists; the loop below skips pairs that are too far apart
+    # m; pairs that are too far apart have 1 m instead of an infinite distance, so that an assignment exists; the loop
+    # below skips these pairs
     cost = np.minimum(apart, 1.0)
     for row, name in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[row, name]):

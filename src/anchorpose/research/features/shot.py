@@ -30,8 +30,8 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, whose descriptors have 352 numbers."""
 
-    # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with 15 cm, errors
-    # of matches are 1.5 times as large
+    # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with a radius of 15
+    # cm, errors of matches are 1.5 times as large
     radius_m: Positive = 0.20
     # True: z points to the normal's side; False: to the side with most points, as in the authors' program
     z_by_normal: bool = False

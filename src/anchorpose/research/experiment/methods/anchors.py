@@ -30,13 +30,14 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    # Maximum difference between a node's distances to the anchors and the distances of the nodes in its psi. The
-    # paper's authors chose this limit by hand.
+    # Maximum difference between a node's distances to the anchors and the distances of a similar node of the other
+    # frame; psi is the set of these similar nodes. The paper's authors chose this limit by hand.
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
-    # Whether a piece of surface has an extra, smaller subset if a hole cuts the piece off from so many anchors that the
-    # others are too few for a subset. The extra subset has the anchors from which a path still leads to the piece.
+    # Whether a piece of surface is matched by an extra, smaller subset of anchors if a hole cuts the piece off from so
+    # many anchors that too few for a subset remain. The extra subset consists of the anchors from which a path still
+    # leads to this piece of surface.
     pieces: bool = True
 
 

@@ -1,5 +1,5 @@
-"""Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare "next
-generation" with the other methods.
+"""Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare the
+method "next generation" (anchors with the local descriptor SHOT) with the other methods.
 
 Forms of the framework differ in whether body parts are also registered to the surface, and in whether bad matches are
 rejected. Tables of "next generation" compare this method with every other method.

@@ -30,8 +30,8 @@ FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "pape
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """Return the paper's claims about its feature, judged by the results of the method ``LITERAL`` in the form of the
-    framework that rejects no matches.
+    """Return the paper's claims about its feature, judged by the results of the method ``LITERAL`` (the paper's method,
+    exactly as its text describes it) in the form of the framework that rejects no matches.
 
     The list is empty if this method did not run.
     """
@@ -269,7 +269,9 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
+        """Return the methods of these families, except methods that update the pose by a filter, since they only show
+        the filter's effect.
+        """
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -182,7 +182,7 @@ def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = Non
 
     The frames of one size of hole follow the frames of the next smaller size.
 
-    Every size has the same number of frames.
+    Every size of hole has the same number of frames.
     """
     parts: dict[str, list[np.ndarray]] = {}
     for hole in tracking.holes(Scene.PAPER):

@@ -253,7 +253,8 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
     """Return the times of the paper's steps on an image in which a person has as many pixels as the paper's mesh nodes.
 
-    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). Return None if it cannot be made.
+    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). Return None for a clip that is not
+    simulated, for a run that tunes no settings, and if the patient is not found.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None
