@@ -155,7 +155,9 @@ def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """Return the distance fields (s, n) float32, one per source. Each patch is prepared only once for all sources."""
+    """Return the distance fields (s, n) float32, one per source. Each connected patch of triangles is prepared only
+    once for all sources.
+    """
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"

@@ -87,8 +87,8 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Return each task's recording: the path of its folder in the benchmark folder, which is also its name in
-        answers.
+        """Return, for each task, the path of its recording's folder, relative to the benchmark folder; this path is
+        also the recording's name in answers.
         """
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}

@@ -1,7 +1,7 @@
 """Score a method's answers to the benchmark's questions, task by task, and compare the answers of two methods.
 
-In shares of small errors, such as ``within_50mm``, a missing answer counts as too large an error. The share of missing
-answers is reported, too.
+In shares of small errors, such as ``within_50mm``, a missing answer counts as an error above the limit. The share of
+missing answers is reported, too.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ def _forms(config: ExperimentConfig) -> int:
 
 
 def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
-    """Return the costs on an idle core, from each method's ``frame_ms``."""
+    """Return the costs on an idle core, estimated from each method's approximate time per frame (``frame_ms``)."""
     forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
     return Costs(
         {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()},

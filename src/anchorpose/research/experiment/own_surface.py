@@ -208,7 +208,9 @@ def _finite_or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(own: np.ndarray) -> np.ndarray:
-    """Return the squares, then the values, of distances and turns (p, c) as a table (2 c, p) float32 for ``_off2``."""
+    """Return a table (2 c, p) float32 for ``_off2``: the squares, then the values, of the skin points' distances and
+    turns ``own`` (p, c); unknown values are 0.
+    """
     known = np.nan_to_num(own)
     return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
 

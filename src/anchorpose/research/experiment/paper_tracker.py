@@ -59,8 +59,8 @@ class PaperTracker(PatientTracker):
         """Track the next frame as ``PatientTracker.step`` does, but without joints' states and sigmas, which are not
         compared.
 
-        Return True if the pose was registered to a frame, False if this frame's look-ahead is not read yet or no frame is
-        left.
+        Return whether a frame was registered. The result is False until the frame's look-ahead has been read, and after
+        the last frame.
         """
         ready = self._look(frame_set)
         if ready:

@@ -313,8 +313,8 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the arrays to be stored for a task, with the nodes of all windows; the array ``window`` states each node's
-    window.
+    """Return the arrays to be stored for a task, with the nodes of all windows, one window after another; the array
+    ``window`` has the number of each node's window.
     """
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}

@@ -185,7 +185,9 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
 
 @njit(cache=True, error_model="numpy")
 def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length: np.ndarray, turn: np.ndarray) -> None:
-    """Fill the lengths (NaN = unknown) and the orientations, ``turn`` in [0, ORIENTATIONS), of a row's inner pixels."""
+    """Fill the lengths (NaN = unknown) and the orientations, ``turn`` in [0, ORIENTATIONS), of the gradients at the
+    pixels of ``row``, except its first and last pixel.
+    """
     for j in range(1, len(row) - 1):
         dx, dy = _difference(row[j - 1], row[j], row[j + 1]), _difference(above[j], row[j], below[j])
         length[j] = np.sqrt(dx * dx + dy * dy)

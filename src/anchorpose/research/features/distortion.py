@@ -2,10 +2,10 @@
 
 d_PE is half the smallest distortion of any map from the first surface to the second.
 
-See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
-(equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the
-map of smallest distortion exactly, for few samples. For matching surfaces, the module ``gmds`` uses the changes of all
-distances, not only the greatest, since this distinguishes maps better.
+The paper defines d_PE by the equation whose LaTeX label is eq:gmds. The distortion of a map is the greatest change of a
+distance (equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound
+finds the map of smallest distortion exactly, for few samples. For matching surfaces, the module ``gmds`` uses the
+changes of all distances, not only the greatest, since this distinguishes maps better.
 """
 
 from __future__ import annotations

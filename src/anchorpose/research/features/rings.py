@@ -23,9 +23,9 @@ class Rings(NamedTuple):
 def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
     """Return, for each node, all nodes to which edges and links lead within reach_m.
 
-    reach_m: metres along the edges, one value for all nodes or (n,). A node's row is empty if its reach is NaN or it
-    has no position. A node that is near but not connected (an arm in front of the trunk) is not a neighbour. Raises
-    ValueError for a reach that is not positive.
+    reach_m: largest length in metres of the path along edges and links to a neighbour; one value for all nodes, or
+    (n,). A node's row is empty if its reach is NaN or it has no position. A node that is near but not connected (an arm
+    in front of the trunk) is not a neighbour. Raises ValueError for a reach that is not positive.
     """
     reach = np.broadcast_to(np.asarray(reach_m, np.float64), (len(surface),)).copy()
     if (reach <= 0).any():

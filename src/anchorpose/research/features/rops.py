@@ -21,7 +21,7 @@ STATISTICS = 5  # number of values per projection: the central moments 11, 21, 1
 
 @settings
 class RopsConfig:
-    """Settings of RoPS. With three rotations about each axis (``turns``), a descriptor has 135 numbers (``columns``)."""
+    """Settings of RoPS. With three rotations per axis (``turns``), a descriptor has 135 numbers (``columns``)."""
 
     # m, radius of the neighbourhood; 15 times the mean length of an edge (13 mm), as in the authors' work
     radius_m: Positive = 0.20

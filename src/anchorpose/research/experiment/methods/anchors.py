@@ -66,7 +66,8 @@ def _by_edges(seen: Observation) -> np.ndarray:
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """Return a function that matches two frames: each node gets one hypothesis per subset of ``size`` anchors.
+    """Return a function that matches two frames: each node gets one hypothesis (possible match) for each subset of
+    ``size`` anchors.
 
     Subsets contain only anchors that both frames have. describe: function that returns the distances (n, 5) of a
     frame's seen nodes to the anchors; the column of a missed anchor is NaN.
