@@ -45,7 +45,9 @@ Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
 def labelled_recordings(folder: Path) -> list[str]:
-    """Return the names of all recordings that have a file of labels of their own. folder: as in ``read_labels``."""
+    """Return the names of all recordings that have a file of labels of their own. folder: the folder benchmarks/labels,
+    as in ``read_labels``.
+    """
     names = sorted(path.name.split(".")[0] for path in folder.glob(f"*.{LABELLERS[0]}.json"))
     return [name for name in names if "frames" in _document(folder, name, LABELLERS[0])]
 

@@ -35,7 +35,7 @@ class Costs:
         """Return the estimated seconds of a task on one core."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
-        # 40 is a guess, since the number of frames of a real recording is unknown until it is opened
+        # the number of frames of a real recording is unknown until the recording is opened; 40 is a guess
         frames = 40 if clip.simulation is None else clip.simulation.frames
         if task.kind is Kind.MATCHED:
             return factor * task.pairs * self.window_s[method.key]

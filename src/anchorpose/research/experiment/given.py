@@ -65,8 +65,8 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track a recording by this project's tracker; for the reference of other methods, this is the recording without
-    holes.
+    """Track a recording by this project's tracker, and return the results as a reference; the reference that methods
+    are given is made from the recording without holes.
 
     labelled: whether to include the labels of pixels.
 

@@ -110,8 +110,8 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    The result does not depend on the form of the paper's framework, in which this tracker does not run. Joints are
-    taken from the pose, even if the tracker reports them as lost.
+    This tracker does not run in the paper's framework, so the result does not depend on the form of the framework.
+    Joints are taken from the pose, even if the tracker reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -296,8 +296,8 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return the tracked joints in only the frames that the other methods have, too: the segments without their first
-    frames.
+    """Return the tracked joints only in the frames in which the other methods have tracked joints, too: all frames of
+    the segments, except the first frame of each segment.
     """
     kept = np.zeros(len(track.frame), bool)
     for start in starts:

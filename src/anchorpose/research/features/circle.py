@@ -59,7 +59,8 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    # ``%`` is not used to wrap the index, since it would take longer than all other steps
+    # ``%`` is not used to wrap the index, since this operation alone would take longer than all other steps of the
+    # function
     low = low if low >= 0 else len(bins) - 1
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part

@@ -129,7 +129,8 @@ def image_side(samples: int) -> int:
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """Return (side, 3) float64 for each column (or row) of pixels: its Gaussian weight, and the cells that share it.
+    """Return (side, 3) float64: for each column (or row) of pixels, its Gaussian weight, and how two cells share this
+    weight.
 
     A column lies between the middles of two neighbouring cells and counts for both. The second value is the index of
     the first of these cells (0 is the margin); the third is the fraction of the weight that the second cell gets.

@@ -21,8 +21,8 @@ from anchorpose.surface.surface import Surface
 
 # m, radius around an extremum in which no node is farther from the centre; the paper's r, chosen "empirically"
 RADIUS_M: Final = 0.5
-# Maximum distance in m between an extremum and an anchor at the same end of a limb. It is twice the depth of the
-# surface that counts as the end (the cap, see ``geodesics.extrema``).
+# Maximum distance in m between an extremum and an anchor at the same end of a limb. The distance is twice the depth of
+# the cap, the surface that counts as the end of a limb (see ``geodesics.extrema``).
 SAME_END_M: Final = 0.12
 # distances along the edges, as in the work that the paper cites for extrema
 by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)

@@ -50,7 +50,7 @@ class _Edges(NamedTuple):
 
 @njit(cache=True)
 def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start, node and distance of ``Rings``; a row stays empty if its reach is NaN."""
+    """Return the arrays start, node and distance of ``Rings``; a row stays empty if its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)

@@ -114,7 +114,9 @@ def _locate(
 
 @njit(cache=True, error_model="numpy")
 def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.float32, row: np.ndarray) -> None:
-    """Add one neighbour's votes: to its own bin, and by each interpolation to one adjacent bin."""
+    """Add one neighbour's votes to ``row``: to the neighbour's own bin and, in each of the four interpolations, to at
+    most one adjacent bin.
+    """
     eighth = min(np.int32(turn), np.int32(7))
     outer, upper = np.int32(out > _HALF), np.int32(inclination < HALF_PI)
     sector = (eighth << 2) | (outer << 1) | upper

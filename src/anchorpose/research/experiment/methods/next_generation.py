@@ -88,8 +88,8 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures are taken from the cache on each call: if this closure kept them, they would need
-            # 16 MB for 2,000 nodes
+            # the deviations of the signatures are taken from the cache on each call; if this function kept them
+            # instead, they would need 16 MB for 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
