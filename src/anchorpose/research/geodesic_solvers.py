@@ -55,7 +55,7 @@ def solve_distance(
 
 
 def edge_graph(surface: Surface) -> csr_array:
-    """Return (n, n) symmetric sparse matrix of edge lengths in metres, links included."""
+    """Return (n, n) symmetric sparse matrix of edge lengths in metres, with links (edges outside the pixel grid)."""
     grid, (linked, link_length_m) = grid_edges(surface), links(surface)
     pair = np.concatenate([grid, linked])
     length = np.concatenate([straight_m(surface.points_m, grid), link_length_m]).astype(np.float64)

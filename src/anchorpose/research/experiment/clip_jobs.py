@@ -30,7 +30,7 @@ class Part:
     costs: Costs
 
     def tasks(self) -> list[Task]:
-        """Return the tasks of all clips."""
+        """Return the tasks of all clips (recordings)."""
         plan = self.spec.plan()
         return [task for clip in self.clips for task in plan.tasks(clip)]
 

@@ -24,8 +24,8 @@ MAKING: Final = 2.0
 class Costs:
     """Estimated computing times on one core, in seconds, by the key of the method."""
 
-    # s per frame for all forms of the framework and all sizes of hole together; a sum of separate times would be too
-    # long, since forms and sizes share descriptors and matches
+    # s per frame for all forms (variants) of the paper's framework and all sizes of hole together; a sum of separate
+    # times would be too long, since forms and sizes share descriptors and matches
     frame_s: Mapping[str, float]
     alone_s: Mapping[str, float]  # s per frame, for one form of the framework and one size of hole
     window_s: Mapping[str, float]  # s per pair of frames whose matches are compared

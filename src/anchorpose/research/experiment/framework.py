@@ -65,7 +65,7 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
     """Return the recording prepared for tracking (``Room``), with its cameras' clocks aligned as in the reference. All
-    forms of the framework use the same ``Room``.
+    forms (variants) of the paper's framework use the same ``Room``.
     """
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 

@@ -38,7 +38,8 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The data of t frames that every method is given, found by this project's tracker before holes were cut.
+    """The data of t frames that every method is given, found by this project's tracker before holes were cut into the
+    depth images.
 
     Poses are NaN in frames in which the patient was lost.
     """
@@ -139,9 +140,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
-    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only methods that
-    close holes in the mesh with the predicted body use another surface. uncut: the same recording without holes; frames
-    that lost no readings, and their surfaces, are taken from it.
+    Frames and surfaces are made once for all methods and all forms of the paper's framework, which therefore use the
+    same data. Only methods that close holes in the mesh with the predicted body use another surface. uncut: the same
+    recording without holes; frames that lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(
@@ -188,7 +189,8 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """Return the observation of the patient in a frame: the surface of the given pixels, and the anchors on it.
+        """Return the observation of the patient in a frame: the surface of the given pixels, and the anchors (tips of
+        head, hands and feet) on it.
 
         expected: the place and pose that the method expects, by which each anchor is assigned to head, hand or foot.
         height_m: the patient's height. anchored: False if the method uses no anchors, so that none are searched.

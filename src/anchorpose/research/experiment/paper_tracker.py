@@ -34,7 +34,9 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The form of the framework in which a method runs, and the method's options other than how it matches nodes."""
+    """The form (variant) of the paper's framework in which a method runs, and the method's options other than how it
+    matches nodes.
+    """
 
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched

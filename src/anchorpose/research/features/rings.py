@@ -39,7 +39,9 @@ def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
 
 
 class _Edges(NamedTuple):
-    """The edges of a surface with their lengths in metres: edges of the grid (n, 8), and links."""
+    """The edges of a surface with their lengths in metres: edges of the pixel grid (n, 8), and links (edges outside the
+    grid).
+    """
 
     ring: np.ndarray
     length_m: np.ndarray

@@ -1,4 +1,6 @@
-"""Define the paper's proposed feature, geodesic distances to the anchors (Definition 3), and variants of it."""
+"""Define the paper's proposed feature, geodesic distances to the anchors (tips of head, hands and feet; Definition 3),
+and variants of this feature.
+"""
 
 from __future__ import annotations
 
