@@ -145,11 +145,11 @@ def cell_shares(samples: int) -> np.ndarray:
 def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray) -> bool:
     """Fill descriptor (WIDTH,) float32, cells row after row; return False if the image has no known gradient.
 
-    image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
-    Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation is counted from the
-    direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
-    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, values above
-    ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
+    image (side, side): heights, rows downwards, NaN = unknown; side is the result of ``image_side``. shares: the result
+    of ``cell_shares``. Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation
+    is counted from the direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian
+    with a sigma of two cells, and distributed linearly between cells and orientations. The result is scaled to unit
+    length, values above ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
     (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)

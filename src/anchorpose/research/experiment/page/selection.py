@@ -209,7 +209,8 @@ def every_mm(match: Matched) -> np.ndarray:
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``.
+    """Return a function that returns the result of ``take``, but only for the nodes that moved by more than
+    ``MOVED_MM``.
 
     Between neighbouring frames, most nodes hardly move, so a result over all nodes says little about moved nodes.
     """
@@ -229,7 +230,7 @@ def penalised_mm(match: Matched) -> np.ndarray:
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
     """Return the function that returns the errors of a method's direct matches, which the paper compares, too.
 
-    For a method without direct matches, it returns the errors of the matches that the track tree chose.
+    For a method without direct matches, the function returns the errors of the matches that the track tree chose.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 
@@ -241,5 +242,7 @@ def mirrored_of(match: Matched) -> np.ndarray:
 
 
 def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
-    """Return ``take`` restricted to the nodes in some regions of the body (indices into ``REGIONS``)."""
+    """Return a function that returns the result of ``take``, but only for the nodes in some regions of the body
+    (indices into ``REGIONS``).
+    """
     return lambda match: take(match)[np.isin(match.region, regions)]
