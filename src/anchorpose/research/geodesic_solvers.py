@@ -55,7 +55,7 @@ def solve_distance(
 
 
 def edge_graph(surface: Surface) -> csr_array:
-    """Return (n, n) symmetric sparse matrix of edge lengths in metres, links included."""
+    """Return (n, n) symmetric sparse matrix of edge lengths in metres, with links (edges outside the pixel grid)."""
     grid, (linked, link_length_m) = grid_edges(surface), links(surface)
     pair = np.concatenate([grid, linked])
     length = np.concatenate([straight_m(surface.points_m, grid), link_length_m]).astype(np.float64)
@@ -66,8 +66,8 @@ def edge_graph(surface: Surface) -> csr_array:
 def edge_distance(surface: Surface, nodes: np.ndarray, max_distance_m: float = np.inf) -> np.ndarray:
     """Return (s, n) float32 metres: length of the shortest path along edges from each of ``nodes`` (s,) to every node.
 
-    Missing values are marked as by ``geodesic_distance``.
-    Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
+    The length is inf for nodes that are not connected with the source, or farther than ``max_distance_m``, as in
+    ``geodesic_distance``. Source: Dijkstra 1959 (doi:10.1007/BF01386390) by scipy, which stops at ``max_distance_m``.
     """
     if len(nodes) == 0:
         return np.empty((0, len(surface)), np.float32)
@@ -155,7 +155,9 @@ def _components(count: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: float, solve: Solve) -> np.ndarray:
-    """Return the distance fields (s, n) float32, one per source. Each patch is prepared only once for all sources."""
+    """Return the distance fields (s, n) float32, one per source. Each connected patch of triangles is prepared only
+    once for all sources.
+    """
     if len(surface.link_node):
         raise ValueError(
             "a surface with links between cameras or across gaps is more than its triangles;"
@@ -174,7 +176,8 @@ def _distance_on_triangles(surface: Surface, nodes: np.ndarray, max_distance_m: 
 def _field(surface: Surface, mesh: TriangleMesh, node: int, solve: Solve, prepared: dict[int, Prepared]) -> np.ndarray:
     """Return the distances (n,) float64 from one node.
 
-    Distances are inf on other pieces of the surface, and NaN on the node's own piece where no triangles lead.
+    Distances are inf on other pieces of the surface, and NaN at nodes of the same piece that cannot be reached over
+    triangles.
     """
     field = np.full(len(surface), np.inf)
     field[node] = 0.0

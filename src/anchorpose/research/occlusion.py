@@ -40,7 +40,9 @@ class Region:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occlusion:
-    """A surface with and without its hidden nodes. Outside this class, nodes are numbered as in ``whole``."""
+    """A surface with and without its hidden nodes. Outside this class, a node's number is its number in ``whole``, not
+    in ``seen``.
+    """
 
     whole: Surface  # the surface without the occlusion
     hidden: np.ndarray  # (n,) bool

@@ -50,8 +50,9 @@ class Answers:
     method: str  # name of the method
     source: str  # reference to a description of the method
     joints: Mapping[str, JointAnswers]  # by name of the recording
-    # by task and name of the pair of frames, (n,) int64: for each node of the first frame, its match among the nodes of
-    # the second frame, ``NO_MATCH`` or ``NO_ROW``
+    # by task and name of the pair of frames, (n,) int64: for each node of the first frame, the number of its match
+    # among the nodes of the second frame; ``NO_MATCH`` if the answer is that no match exists, ``NO_ROW`` if the answers
+    # have no row for the node
     matches: Mapping[tuple[str, str], np.ndarray]
     elsewhere: int  # number of rows about recordings that are not in the benchmark folder
 
@@ -89,8 +90,9 @@ def _table_file(folder: Path, name: str) -> Path | None:
 def read_table(path: Path, columns: Mapping[str, pa.DataType]) -> dict[str, np.ndarray]:
     """Return the columns of a CSV or Parquet file by their names, as arrays of texts, int64 or float64.
 
-    An empty cell is ``NO_MATCH`` in the column ``match``, and NaN in a column of float64. The column sigma_m may be
-    left out. Raises InputError if a column is missing, unknown or of another type, or if a required cell is empty.
+    An empty cell is ``NO_MATCH`` in the column ``match``, and NaN in a column of float64. The column sigma_m (standard
+    deviation of a position's error) may be left out. Raises InputError if a column is missing, unknown or of another
+    type, or if a required cell is empty.
     """
     remedy = f"give the columns {', '.join(columns)}" + (" (sigma_m may be left out)" if OPTIONAL in columns else "")
     try:
@@ -184,7 +186,9 @@ def _read_joints(path: Path, benchmark: Benchmark) -> tuple[dict[str, JointAnswe
 
 
 def check_places(path: Path, place_m: np.ndarray) -> None:
-    """Raise InputError if a row of ``place_m`` (rows, 3) is neither a place in a room nor completely missing (NaN)."""
+    """Raise InputError if a position in ``place_m`` (rows, 3) lacks some but not all of its coordinates (NaN), or is
+    farther than ``FARTHEST_M`` metres along an axis.
+    """
     empty, finite = np.isnan(place_m), np.isfinite(place_m).all(axis=1)
     refuse_row(path, ~finite & ~empty.all(axis=1), "has part of a position", "give x_m, y_m and z_m, or none of them")
     far = finite & (np.abs(place_m) > FARTHEST_M).any(axis=1)

@@ -45,7 +45,9 @@ Frames = dict[int, tuple[LabelledPerson, ...]]
 
 
 def labelled_recordings(folder: Path) -> list[str]:
-    """Return the names of all recordings that have a file of labels of their own. folder: as in ``read_labels``."""
+    """Return the names of all recordings that have a file of labels of their own. folder: the folder benchmarks/labels,
+    as in ``read_labels``.
+    """
     names = sorted(path.name.split(".")[0] for path in folder.glob(f"*.{LABELLERS[0]}.json"))
     return [name for name in names if "frames" in _document(folder, name, LABELLERS[0])]
 
@@ -103,8 +105,8 @@ def off_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, cam
     of sight.
 
     joints_m (21, 3): tracked joints, world. The distance is inf if the tracked joint is lost, or too far in front of or
-    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints of ``BY_PROPORTION``, and labels without a depth
-    reading, are left out.
+    behind the labelled skin (``IN_FRONT_M``, ``BEHIND_M``). Joints that clothes hide (``BY_PROPORTION``), and labels
+    without a depth reading, are left out.
     """
     distances = {}
     for name, (right, down, behind) in shift_m(person, joints_m, depth_m, camera).items():
@@ -118,7 +120,7 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
     behind, (3,) metres.
 
     joints_m (21, 3): tracked joints, world. A lost joint gives NaN. The label is taken as a point on the skin. Joints
-    of ``BY_PROPORTION``, and labels without a depth reading, are left out.
+    that clothes hide (``BY_PROPORTION``), and labels without a depth reading, are left out.
     """
     T_camera_world, lens = invert_rigid(camera.require_pose()), camera.intrinsics
     shifts = {}
@@ -133,8 +135,9 @@ def shift_m(person: LabelledPerson, joints_m: np.ndarray, depth_m: np.ndarray, c
 
 
 def apart_m(one: LabelledPerson, other: LabelledPerson, depth_m: np.ndarray, camera: Camera) -> dict[str, float]:
-    """Return, for each joint except ``BY_PROPORTION``, the distance (m) between two labellers' labels, at the depth of
-    the label of ``one``.
+    """Return, for each joint that both ``one`` and ``other`` label, the distance (m) between the two labels, at the
+    depth of the skin at the label of ``one``. Joints that clothes hide (``BY_PROPORTION``), and labels of ``one``
+    without a depth reading, are left out.
     """
     lens = camera.intrinsics
     return {

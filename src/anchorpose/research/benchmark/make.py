@@ -65,7 +65,8 @@ class Benchmark:
 def make_benchmark(
     out: Path, groups: Sequence[Group], processes: int | None, progress: Callable[[int, int], None]
 ) -> Benchmark:
-    """Simulate groups of recordings into a folder, and compute the fingerprints of all recordings in it.
+    """Simulate groups of recordings (a group is made from one seed), write them to a folder, and compute the
+    fingerprints of all recordings in this folder.
 
     Recordings that an earlier run has finished are kept, so a call for a finished benchmark only computes fingerprints
     and compares them with the published fingerprints.
@@ -130,8 +131,8 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings, true joints, nodes, and the nodes' true matches in the format of
-    answers.
+    """Make all files of one seed: recordings and true joints; for a single recording, also nodes (points of the
+    patient's surface) and the nodes' true matches in the format of answers.
     """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
@@ -145,8 +146,8 @@ def make_group(group: Group, out: Path) -> None:
 
 
 def _from_single(group: Group, work: Path, recording: Recording, labels: Path) -> None:
-    """Write a copy of the recording for each size of hole, all with holes in the same frames; write nodes and true
-    matches.
+    """Write a copy of the recording for each size of hole (removed depth readings around the body's centre), all with
+    holes in the same frames; also write the nodes (points of the patient's surface) and their true matches.
     """
     camera, frames = recording.cameras[0].name, range(len(recording.streams[0].files))
     seen = [patient_pixels(recording, labels / camera, frame) for frame in frames]

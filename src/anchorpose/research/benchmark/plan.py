@@ -52,7 +52,9 @@ cameras, a standing frame and two therapists). No setting of anchorpose was chos
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two frames of a recording. The task is to match the nodes of the first with nodes of the second."""
+    """Two frames of a recording. The task is to match the nodes (points of the patient's surface) of the first frame
+    with nodes of the second frame.
+    """
 
     task: str
     name: str
@@ -64,7 +66,9 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """All recordings made from one seed: a single recording and its copies with holes, or a clinic (see ``SEEDS``)."""
+    """All recordings made from one seed: a single recording (one person, one camera) and its copies with holes, or a
+    clinic (a recording of a patient with two therapists by three cameras, see ``SEEDS``).
+    """
 
     part: Part
     is_clinic: bool
@@ -83,8 +87,8 @@ class Group:
 
     @property
     def recordings(self) -> dict[str, str]:
-        """Return each task's recording: the path of its folder in the benchmark folder, which is also its name in
-        answers.
+        """Return, for each task, the path of its recording's folder, relative to the benchmark folder; this path is
+        also the recording's name in answers.
         """
         if self.is_clinic:
             return {CLINIC: f"{self.name}/recording"}
@@ -92,7 +96,9 @@ class Group:
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs of frames to be matched, in the recording without holes; a clinic has no such pairs."""
+        """Return the pairs of frames to be matched, in the recording without holes; a group with a clinic has no such
+        pairs.
+        """
         if self.is_clinic:
             return ()
         return tuple(
@@ -111,8 +117,8 @@ class Group:
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of single recordings, and also of clinics; both are taken in
-    the order of their seeds.
+    """Return the groups of a part. at_most: maximum number of groups with a single recording, and also of groups with a
+    clinic, both in the order of their seeds; None = all groups.
     """
     single, clinic = SEEDS[part]
     return tuple(

@@ -1,5 +1,5 @@
-"""Score answers about joints in the user's real recordings, by comparison with labels set by eye. This is a second part
-of the benchmark.
+"""Score answers about joints in the user's real recordings, by comparison with labels set by eye. Real recordings are
+the second part of the benchmark; the recordings of the first part are simulated.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ Joints = dict[tuple[str, str, int], np.ndarray]
 def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskScore]:
     """Return the score by name of the recording, for each labelled recording in the folder ``recordings``.
 
-    The error of a joint is its distance from the label, perpendicular to the line of sight. The labels of both
-    labellers count. A joint too far in front of or behind the labelled skin counts as missing. Only people in plain
-    view are scored. Raises InputError if no recording has labels.
+    The error of a joint is its distance from the label, perpendicular to the line of sight. Each answer is compared
+    with the labels of both labellers, and each of these distances counts. A joint too far in front of or behind the
+    labelled skin counts as missing. Only people whose head and more than half of whose trunk are seen
+    (``LabelledPerson.plain``) are scored. Raises InputError if no recording has labels.
     """
     names = labelled_recordings(labels)
     if not names:
@@ -49,7 +50,9 @@ def score_real(answers: Path, recordings: Path, labels: Path) -> dict[str, TaskS
 
 
 def _distances(name: str, joints: Joints, folder: Path, labels: Path) -> Iterator[float]:
-    """Yield the error of each labelled joint in metres; inf if the answer is missing or far from the label's depth."""
+    """Yield the error of each labelled joint in metres; inf if the answer is missing, or too far in front of or behind
+    the labelled skin.
+    """
     recording = open_recording(folder)
     camera = replace(recording.cameras[0], T_world_camera=np.eye(4))
     for labeller in LABELLERS:
@@ -84,7 +87,7 @@ def read_real(path: Path, labels: Path, names: Sequence[str]) -> Joints:
 
 def _require_labelled(path: Path, rows: list[tuple[str, str, int]], labels: Path, names: Sequence[str]) -> None:
     """Raise InputError with the first row (recording, person, frame) whose person has no labels in its recording, or
-    whose frame has none.
+    whose frame has no labels.
     """
     frames = [(name, *each) for name in names for who in LABELLERS for each in read_labels(labels, name, who).items()]
     people = {(name, one.person) for name, _, labelled in frames for one in labelled}

@@ -1,7 +1,7 @@
 """Score a method's answers to the benchmark's questions, task by task, and compare the answers of two methods.
 
-In shares of small errors, such as ``within_50mm``, a missing answer counts as too large an error. The share of missing
-answers is reported, too.
+In shares of small errors, such as ``within_50mm``, a missing answer counts as an error above the limit. The share of
+missing answers is reported, too.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ RESAMPLES: Final = 2000  # number of random draws of recordings from which the b
 class Asked(NamedTuple):
     """The m questions of a task about one recording, each with the comparison of its answer with the truth.
 
-    A question asks for the node of a pair's second frame that matches a node of the first frame, if the true place of
-    that match is seen. In tasks of tracking, a question asks for the position of a joint in a frame, if the true
-    position is known.
+    In tasks of matching, a question asks which node of a pair's second frame matches a certain node of the first frame;
+    it is asked only if the second frame shows the true place of the match. In tasks of tracking, a question asks for
+    the position of a joint in a frame, if the true position is known.
     """
 
     error_mm: np.ndarray  # (m,), distance of the answer from the truth; NaN for missing answers and "no match"
@@ -45,8 +45,8 @@ class Asked(NamedTuple):
 class TaskScore:
     """The statistics of the errors in one task over all recordings; None = no data for this statistic.
 
-    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm cover only questions that are
-    answered by a node or a position.
+    ``within_50mm`` and ``within_100mm`` are shares of all questions; errors in mm cover only questions whose answer is
+    a node or a position, so missing answers and the answer "no match" are left out.
     """
 
     recordings: int
@@ -97,7 +97,7 @@ def _takes_part(answers: Answers, groups: Sequence[Group], task: str) -> bool:
 
 
 def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Return, for each task of matching nodes (``GAPS``), its name and its questions about a group."""
+    """Return, for each task of matching nodes (``GAPS``), its name and its questions about a group of recordings."""
     pairs, found = [pair for pair in group.pairs if pair.task in tasks], dict[str, list[Asked]]()
     if not pairs:
         return []
@@ -112,7 +112,7 @@ def _matches(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequen
 
 
 def _joints(benchmark: Benchmark, answers: Answers, group: Group, tasks: Sequence[str]) -> Iterable[tuple[str, Asked]]:
-    """Yield, for each task of tracking joints, its name and its questions about a group."""
+    """Yield, for each task of tracking joints, its name and its questions about a group of recordings."""
     truth_m = read_truth(group.truth(benchmark.folder)).position_m
     known = np.isfinite(truth_m).all(axis=2)
     for task in (task for task in group.recordings if task in tasks):

@@ -33,7 +33,7 @@ def read_nodes(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """The true correspondence of a pair of frames."""
+    """The true correspondence of the nodes of two frames."""
 
     skin: Skin
     pair: Pair

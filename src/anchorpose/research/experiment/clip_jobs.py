@@ -30,7 +30,7 @@ class Part:
     costs: Costs
 
     def tasks(self) -> list[Task]:
-        """Return the tasks of all clips."""
+        """Return the tasks of all clips (recordings)."""
         plan = self.spec.plan()
         return [task for clip in self.clips for task in plan.tasks(clip)]
 
@@ -39,7 +39,9 @@ class Part:
         return self.cost_s(self.tasks())
 
     def cost_s(self, tasks: list[Task]) -> float:
-        """Return the estimated seconds as ``left_s`` does, but for the given tasks only."""
+        """Return the estimated seconds on one core for all of ``tasks`` without a result, and for making their
+        recordings.
+        """
         by_clip: dict[str, float] = {}
         for task in tasks:
             if not task.done:

@@ -1,4 +1,4 @@
-"""Provide the recordings of an experiment and cut holes into them.
+"""Provide the recordings of an experiment, and cut holes into their depth images.
 
 Recordings are simulated, or the user's own recordings with another tracker's skeleton as reference. Holes are the
 paper's transient occlusions: depth readings around the body's centre are removed in random frames (Section V).
@@ -39,7 +39,9 @@ class Clip:
 
     @property
     def holes_are_cut(self) -> bool:
-        """Return whether holes are cut in the recording. No holes are cut if equipment or people hide the patient."""
+        """Return whether holes are cut into the recording's depth images. No holes are cut if equipment or people hide
+        the patient.
+        """
         return self.scene in (Scene.PAPER, Scene.LOOSE, Scene.REAL)
 
 
@@ -91,7 +93,8 @@ def reference_joints(skeleton: Path, T_world_camera: np.ndarray) -> np.ndarray:
     """Return the joints (t, 21, 3) of a skeleton.npz, metres, world; uncertain joints are NaN.
 
     The file has the ``names`` of m of the 21 joints and ``xyz`` (t, m, 4): metres in the camera's frame (x right, y up,
-    z away) and confidence. A joint at the origin is missing. Raises InputError if the file is not such a skeleton.
+    z away) and confidence. A joint exactly at the camera's origin counts as missing. Raises InputError if the file is
+    not such a skeleton.
     """
     remedy = "give names and xyz (t, joints, 4)"
     arrays = read_arrays(skeleton, ("names", "xyz"), remedy)
@@ -114,7 +117,7 @@ HOLES_KEY = 7  # key of the random numbers that choose the frames with holes; th
 
 
 def draw_hole_frames(frames: int, share: float, seed: int, starts: Sequence[int]) -> np.ndarray:
-    """Draw at random the frames that get a hole, (frames,) bool.
+    """Draw at random the frames into whose depth images a hole is cut, (frames,) bool.
 
     starts: frames at which tracking starts; these frames never get a hole, since their pose is given.
     """

@@ -1,4 +1,4 @@
-"""Define the settings of an experiment: recordings, holes, scenes and methods."""
+"""Define the settings of an experiment: recordings, holes in their depth images, scenes and methods."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """A kind of recording. Only ``PAPER`` is in the paper."""
+    """A kind of recording. Only the kind ``PAPER`` is in the paper; this project has added the other kinds."""
 
     PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
     LOOSE = "loose"  # as PAPER, but with looser clothes, whose folds are 14 mm above the skin instead of 9 mm
@@ -85,16 +85,18 @@ class ExperimentConfig:
     # frames, the pose is given and not tracked, so 20 recordings have 20 x 6 x 9 = 1,080 tracked frames.
     segments: Count = 6
     gaps_s: tuple[Positive, ...] = (0.1, 0.3, 1.0, 1.5)  # seconds between the two frames whose nodes are matched
-    # number of pairs of frames whose matches are compared with the truth, for each recording, size of hole and gap
+    # number of pairs of frames whose matches are compared with the truth, for each recording, size of the hole in the
+    # depth images, and gap (time between the two frames)
     windows: Count = 2
-    # Forms of the framework that run. Forms without a fit to the surface run only without holes and with the largest
-    # hole.
+    # Forms (variants) of the paper's tracking framework that run. The forms that do not fit body parts to the surface
+    # run only without holes and with the largest hole.
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's
     scene_seconds: Positive = 6.0  # s, duration of each recording of a scene other than the paper's
     methods: tuple[str, ...] = ()  # keys of methods, or paths of Python files with METHODS; empty = all methods
-    # whether variants of anchorpose's tracker that lack one component each also run, in scenes with a standing frame
+    # whether variants of anchorpose's tracker, each without one of its components, also run; they run in the scenes in
+    # which the bars of a standing frame are in front of the patient
     ablation: bool = True
     # first seed of the training recordings, on which settings are chosen, and whose movements serve to predict poses
     training_seed: int = 401
@@ -130,7 +132,9 @@ class ExperimentConfig:
         return round(gap_s * self.fps)
 
     def segments_of(self, scene: Scene) -> int:
-        """Return the number of segments on which methods run in each simulated recording of a scene."""
+        """Return the number of segments (pieces of ``segment_frames`` frames) on which methods run in each simulated
+        recording of a scene.
+        """
         seconds = self.seconds if scene is Scene.PAPER else self.scene_seconds
         return min(self.segments, round(seconds * self.fps) // self.segment_frames)
 

@@ -15,7 +15,8 @@ from anchorpose.research.experiment.plan import Kind, Task
 COST_FACTOR: Final = {Scene.CLINIC_FRONT: 1.5, Scene.CLINIC: 3.0}
 USUAL_FORM_S: Final = 0.02  # s per frame for one form of the framework, without matching (``Method.frame_ms``)
 USUAL_OWN_S: Final = 0.15  # s per frame for this project's tracker
-# time per frame and camera to simulate a recording and track it for the reference, as a multiple of ``own_s``
+# time per frame and camera to simulate a recording and track it for the reference, as a multiple of ``Costs.own_s``,
+# the time per frame of this project's tracker
 MAKING: Final = 2.0
 
 
@@ -23,8 +24,8 @@ MAKING: Final = 2.0
 class Costs:
     """Estimated computing times on one core, in seconds, by the key of the method."""
 
-    # s per frame for all forms of the framework and all sizes of hole together; a sum of separate times would be too
-    # long, since forms and sizes share descriptors and matches
+    # s per frame for all forms (variants) of the paper's framework and all sizes of hole together; a sum of separate
+    # times would be too long, since forms and sizes share descriptors and matches
     frame_s: Mapping[str, float]
     alone_s: Mapping[str, float]  # s per frame, for one form of the framework and one size of hole
     window_s: Mapping[str, float]  # s per pair of frames whose matches are compared
@@ -34,7 +35,7 @@ class Costs:
         """Return the estimated seconds of a task on one core."""
         clip, method = task.clip, task.method
         factor = COST_FACTOR.get(clip.scene, 1.0)
-        # 40 is a guess, since the number of frames of a real recording is unknown until it is opened
+        # the number of frames of a real recording is unknown until the recording is opened; 40 is a guess
         frames = 40 if clip.simulation is None else clip.simulation.frames
         if task.kind is Kind.MATCHED:
             return factor * task.pairs * self.window_s[method.key]
@@ -62,7 +63,7 @@ def _forms(config: ExperimentConfig) -> int:
 
 
 def usual_costs(methods: Sequence[Method], config: ExperimentConfig) -> Costs:
-    """Return the costs on an idle core, from each method's ``frame_ms``."""
+    """Return the costs on an idle core, estimated from each method's approximate time per frame (``frame_ms``)."""
     forms, method_s = _forms(config), {method.key: method.frame_ms / 1000.0 for method in methods}
     return Costs(
         {key: forms * USUAL_FORM_S + len(config.holes_m) * spent for key, spent in method_s.items()},

@@ -1,7 +1,7 @@
 """Run methods in the paper's tracking framework, from a given pose.
 
 The methods differ in how they match the nodes of the patient's mesh in two frames (Section V of the paper). A few
-methods also differ in the options of ``Way`` or in settings of the tracker.
+methods also differ in other options, which ``Way`` lists, or in settings of the tracker.
 """
 
 from __future__ import annotations
@@ -64,14 +64,15 @@ def paper_config(motions: Path, form: Form = Form.REFINED) -> TrackConfig:
 
 
 def paper_room(recording: Recording, reference: Reference, movements: Path) -> Room:
-    """Return a recording prepared for tracking, with the reference's clocks. All forms of the framework use this
-    room.
+    """Return the recording prepared for tracking (``Room``), with its cameras' clocks aligned as in the reference. All
+    forms (variants) of the paper's framework use the same ``Room``.
     """
     return prepare_room(align_clocks(recording, reference.clocks), paper_config(movements))
 
 
 def run_in(room: Room, movements: Path, form: Form = Form.REFINED, stride: int = 1) -> Run:
-    """Return all data that are known before the first frame is tracked, with the configuration of ``paper_config``.
+    """Return a run: the prepared recording, the configuration ``paper_config`` and the reference movements, which are
+    all known before the first frame is tracked.
 
     stride: number of frames from one used frame to the next. With a stride above 1, the last pose serves as the
     prediction: at so low a rate, the reference movements have too few frames to predict poses.
@@ -115,8 +116,8 @@ def given_start(frame: int, given: GivenFrames, run: Run, anchored: bool = True)
 
 
 def _observing(config: TrackConfig) -> TrackConfig:
-    """Return the settings with prediction, gate and track tree set to their defaults, since observations do not depend
-    on these.
+    """Return the settings with fixed values for the prediction of poses, the limits of matches (``gate``) and the track
+    tree, since observations do not depend on these.
     """
     follow = replace(config.follow, look_ahead=1, tree_nodes=1)
     return replace(config, tree=TreeConfig(), gate=GateConfig(), motion=MotionConfig(), follow=follow)

@@ -38,7 +38,8 @@ class NoReference(AnchorposeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The data of t frames that every method is given, found by this project's tracker before holes were cut.
+    """The data of t frames that every method is given, found by this project's tracker before holes were cut into the
+    depth images.
 
     Poses are NaN in frames in which the patient was lost.
     """
@@ -65,8 +66,8 @@ class Reference:
 
 
 def make_reference(recording: Recording, config: TrackConfig, labelled: bool = True) -> Reference:
-    """Track a recording by this project's tracker; for the reference of other methods, this is the recording without
-    holes.
+    """Track a recording by this project's tracker, and return the results as a reference; the reference that methods
+    are given is made from the recording without holes.
 
     labelled: whether to include the labels of pixels.
 
@@ -139,9 +140,9 @@ def from_arrays(arrays: Mapping[str, np.ndarray]) -> Reference:
 class GivenFrames:
     """The frames of a recording with the patient's pixels, which are given, and the surfaces that these pixels show.
 
-    Frames and surfaces are made once for all methods and forms, which therefore use the same data. Only methods that
-    close holes in the mesh with the predicted body use another surface. uncut: the same recording without holes; frames
-    that lost no readings, and their surfaces, are taken from it.
+    Frames and surfaces are made once for all methods and all forms of the paper's framework, which therefore use the
+    same data. Only methods that close holes in the mesh with the predicted body use another surface. uncut: the same
+    recording without holes; frames that lost no readings, and their surfaces, are taken from it.
     """
 
     def __init__(
@@ -188,7 +189,8 @@ class GivenFrames:
     def observe(
         self, frame_set: FrameSet, expected: Expectation | None, height_m: float, run: Run, anchored: bool
     ) -> Observation:
-        """Return the observation of the patient in a frame: the surface of the given pixels, and the anchors on it.
+        """Return the observation of the patient in a frame: the surface of the given pixels, and the anchors (tips of
+        head, hands and feet) on it.
 
         expected: the place and pose that the method expects, by which each anchor is assigned to head, hand or foot.
         height_m: the patient's height. anchored: False if the method uses no anchors, so that none are searched.
@@ -226,5 +228,7 @@ class GivenFrames:
 
 
 def _isolated(views: tuple[View | None, ...]) -> Isolated:
-    """Return the views as a result of the stage ``isolation``, but without remembered people and bystanders' bodies."""
+    """Return the cameras' labelled depth frames in the form in which the stage ``isolation`` returns them, but without
+    other people: neither remembered people nor bystanders' bodies.
+    """
     return Isolated((None,) * len(views), views, empty_memory(), Bystanders())

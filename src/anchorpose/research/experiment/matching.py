@@ -31,7 +31,9 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A frame of a recording and the frames of its look-ahead, as the tracker observes them."""
+    """A frame of a recording and the next frames that the track tree uses (its look-ahead), as the tracker observes
+    them.
+    """
 
     frame: int  # position of the first frame in the recording
     stride: int  # number of frames from one observation to the next
@@ -70,7 +72,9 @@ def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Wi
 
 
 def match_window(method: Method, setting: object, window: Window) -> Matches:
-    """Return the method's matches in a window: all hypotheses, and the matches that the track tree chose."""
+    """Return the method's matches in a window: all hypotheses (possible matches), and the matches that the track tree
+    chose.
+    """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association")
     config, associate = method.configure(window.config, setting), method.associate(setting)
@@ -175,7 +179,8 @@ def warm_up(method: Method, setting: object, window: Window) -> None:
 
 
 def _anchors_s(method: Method, setting: object, window: Window) -> float:
-    """Return the seconds on one core to find the anchors of a window's first two frames and compute distances to them.
+    """Return the seconds on one core to find the anchors (tips of head, hands and feet) in a window's first two frames
+    and to compute the distances to the anchors.
 
     The result is 0 if the method does not use the anchors of the observation.
     """

@@ -38,7 +38,8 @@ NEXT: Final = "next"
 # bytes, maximum size of a cache of one method's descriptors: with the longest descriptor, enough for twelve frames;
 # with most other descriptors, for all frames of a segment
 CACHED_BYTES: Final = 400_000_000
-# maximum number of pairs of frames whose matches are cached: enough for a segment, in all forms, with two sizes of hole
+# maximum number of pairs of frames whose matches are cached: enough for a segment of a recording, in all forms of the
+# paper's framework, with two sizes of hole
 CACHED_PAIRS: Final = 48
 
 
@@ -70,7 +71,8 @@ class Method:
     settings: tuple[Any, ...] = (None,)
     # function that returns, for a setting, the function that matches two frames; None for a complete tracker
     associate: Callable[[Any], Associate] | None = None
-    # function of the framework's configuration and a setting; returns the configuration with which the method runs
+    # function of the configuration of the paper's framework and of a setting; returns the configuration with which the
+    # method runs
     configure: Callable[[TrackConfig, Any], TrackConfig] = lambda config, setting: config
     several: bool = False  # whether a node has several hypotheses (possible matches), from which the track tree chooses
     anchored: bool = True
@@ -100,7 +102,8 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
         described = cached(lambda seen: describe(seen, setting.config), _surface_content)
 
         def pair(now: Observation, following: Observation, config: TrackConfig) -> Matcher:
-            # all nodes are matched at once, which is faster, since nearly all matches are requested in the end
+            # the first call matches all nodes at once and keeps the result; this is faster than matching a few nodes
+            # per call, since nearly all matches are requested in the end
             @cache
             def match() -> np.ndarray:
                 return nearest_descriptor(described(now), described(following), setting.metric)
@@ -139,7 +142,7 @@ def cached(compute: Callable[..., np.ndarray], content: Content) -> Callable[...
 def associate_once(method: Method, setting: Any) -> Associate:
     """Return the method's function that matches two frames, with a cache.
 
-    A pair of frames is matched only once, even if several forms of the framework need its matches.
+    A pair of frames is matched only once, even if several forms (variants) of the paper's framework need its matches.
     """
     if method.associate is None:
         raise ValueError(f"{method.key} has no association that the framework could use")
@@ -181,7 +184,7 @@ NO_SUBSET: Final = np.empty((1, 0), np.int64)
 
 
 def load_methods(wanted: Sequence[str]) -> tuple[Method, ...]:
-    """Return the methods with these keys or from these files, in this order.
+    """Return the methods that ``wanted`` names by their keys or files, in the order of ``wanted``.
 
     If ``wanted`` is empty, all methods of the package are returned. A file is a Python module with ``METHODS``, a tuple
     of one method. Raises InputError for an unknown key, a key that two methods have, and a file without ``METHODS``.

@@ -29,25 +29,26 @@ NODES: Final = 400  # maximum number of nodes of a frame that are matched, 5 cm 
 TRIED: Final = 1200  # maximum number of skin points with which nodes are compared, 4 cm apart
 LEAST_DISTANCES: Final = 3  # minimum number of known distances to anchors that determine a place (Section IV-D)
 SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marching and the anchors' jitter
-# m per m of distance, added to SIGMA_M in quadrature, since limbs bend, and since the body model's sizes are inexact
+# standard deviation of a distance in m per m of its length, added to SIGMA_M in quadrature; it allows for bent limbs
+# and for the inexact sizes of the body model
 SIGMA_PER_M: Final = 0.02
-# Standard deviation of a turn, which is the sine of an angle (see ``turns``). It is larger than a turn's error of 0.4,
-# since ten turns are used but only four are independent.
+# Standard deviation of a turn, which is the sine of an angle (see ``turns``). The value is larger than the error of a
+# single turn, 0.4, since a node has ten turns but only four of them are independent.
 TURN_SIGMA: Final = 0.6
 # Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
 # simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
 # Distances to a hand are longer, since paths lead only over the seen side of the arm
 LONGER_M: Final = np.array([-0.06, 0.06, 0.06, -0.05, -0.05])
 ROUNDS: Final = 2  # number of rounds of matching; in the second round, medians of the first round replace ``LONGER_M``
-# Limit of the excess of a skin point's sum of squared deviations (each divided by its variance) over the best point's
-# sum. Below this limit, the point counts as fitting almost as well as the best point.
+# Limit of the amount by which a skin point's sum of squared deviations (each divided by its variance) exceeds the sum
+# of the best skin point. Below this limit, a skin point counts as fitting a node almost as well as the best skin point.
 ALMOST: Final = 2.0
 # m, maximum spread (standard deviation of the places) of the skin points that fit a node almost as well as the best
-# point; a node with a greater spread has no match. The value is the width of a thigh.
+# point; a node with a greater spread has no match. This maximum spread is the width of a thigh.
 CLEAR_M: Final = 0.10
 LEAST_NODES: Final = 40  # minimum number of nodes, a tenth of ``NODES``, for a median that replaces ``LONGER_M``
-# Maximum change in m of a distance in a sweep, for distances to count as converged. The remaining error is a hundredth
-# of ``SIGMA_M``.
+# Maximum change in m of a distance in a sweep, for distances to count as converged. The error that a converged distance
+# still has is a hundredth of ``SIGMA_M``, the standard deviation of a distance.
 SETTLED_M: Final = 1e-4
 MOST_SWEEPS: Final = 30  # maximum number of sweeps, for distances that do not converge earlier
 
@@ -207,16 +208,20 @@ def _finite_or_nan(values: np.ndarray) -> np.ndarray:
 
 
 def _table(own: np.ndarray) -> np.ndarray:
-    """Return the squares, then the values, of distances and turns (p, c) as a table (2 c, p) float32 for ``_off2``."""
+    """Return a table (2 c, p) float32 for ``_off2``: the squares, then the values, of the skin points' distances and
+    turns ``own`` (p, c); unknown values are 0.
+    """
     known = np.nan_to_num(own)
     return np.ascontiguousarray(np.hstack([known**2, known]).T, dtype=np.float32)
 
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return (k, p) float32: for each node and skin point, the sum of ((seen - own) / sigma)^2.
+    """Return (k, p) float32: for each node and skin point, the sum of ((seen - own) / sigma)^2, where ``seen`` has the
+    distances and turns of the node, and ``own`` has the distances and turns of the skin point.
 
     The term (seen / sigma)^2 is left out, since it is the same for all skin points. The sum is over the columns of seen
-    and sigma (k, c) that are not NaN. table: ``own`` of the skin points, from ``_table``.
+    and sigma (k, c) that are not NaN. table: the distances and turns of the skin points in the form that ``_table``
+    returns.
     """
     known = np.isfinite(seen)
     weight, value = np.where(known, 1.0 / sigma**2, 0.0), np.where(known, seen, 0.0)
@@ -240,7 +245,8 @@ def _spread(off2: np.ndarray, least: np.ndarray, places_m: np.ndarray) -> np.nda
     """Return (k,) metres: for each node, the standard deviation of the places of the skin points that fit the node
     almost as well as the best skin point.
 
-    places_m (p, 3): places of the skin points. off2 (k, p): squared deviations. least (k,): their minimum.
+    places_m (p, 3): places of the skin points. off2 (k, p): the result of ``_off2``, how badly each skin point fits
+    each node. least (k,): the value in ``off2`` of the best skin point of each node.
     """
     near = (off2 < least[:, None] + np.float32(ALMOST)).astype(np.float32)
     sums = near @ np.column_stack([places_m, (places_m**2).sum(axis=1), np.ones(len(places_m))]).astype(np.float32)

@@ -34,7 +34,9 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The form of the framework in which a method runs, and the method's options other than how it matches nodes."""
+    """The form (variant) of the paper's framework in which a method runs, and the method's options other than how it
+    matches nodes.
+    """
 
     form: Form = Form.REFINED
     anchored: bool = True  # whether the method uses anchors; if not, anchors are not searched
@@ -59,7 +61,8 @@ class PaperTracker(PatientTracker):
         """Track the next frame as ``PatientTracker.step`` does, but without joints' states and sigmas, which are not
         compared.
 
-        Return whether a frame was registered.
+        Return whether a frame was registered. The result is False until the frame's look-ahead has been read, and after
+        the last frame.
         """
         ready = self._look(frame_set)
         if ready:
@@ -86,7 +89,8 @@ class PaperTracker(PatientTracker):
         joints = joints_by_parts(self.body, self.belief.pose, pose, hypothesis, window, steps, robust)
         pose = self._with_limbs(pose_from_joints(self.body, pose, joints))
         found = posterior(self.body, pose, predicted, self.window[1].evidence, config)
-        # without rejection, the fitted pose is kept even if ``posterior`` does not accept it
+        # a form that rejects no matches keeps the fitted pose even if ``posterior`` finds that the seen surface does
+        # not belong to the body in this pose
         if not robust and not found.found:
             return Registration(replace(predicted, pose=pose), found.explained, True)
         return found

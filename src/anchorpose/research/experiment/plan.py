@@ -81,7 +81,7 @@ def experiment_code() -> str:
 # variants.
 ABLATION_SCENES: Final = (Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
 # Radius in m of the hole in half of the pairs of training frames. The other pairs have no hole, since a setting must
-# work for both.
+# work with and without holes.
 TUNING_HOLE_M: Final = 0.12
 
 
@@ -143,7 +143,9 @@ class Plan:
 
     @property
     def windows(self) -> int:
-        """Return the number of pairs of frames whose matches are compared, per recording, size of hole and gap."""
+        """Return the number of pairs of frames whose matches are compared, per recording, size of hole and gap (time
+        between the two frames).
+        """
         return self.config.training_windows if self.training else self.config.windows
 
     @property
@@ -154,8 +156,8 @@ class Plan:
         return self.config.gaps_s[:1] if self.training else self.config.gaps_s
 
     def holes(self, clip: Clip) -> tuple[float, ...]:
-        """Return the radii in metres of the clip's holes, 0 = no hole. In training, these are 0 and ``TUNING_HOLE_M``;
-        otherwise, a clip with loose clothes has only 0 and the largest radius.
+        """Return the radii in metres of the holes that are cut into a clip's depth images, 0 = no hole. In training,
+        the radii are 0 and ``TUNING_HOLE_M``; otherwise, a clip with loose clothes has only 0 and the largest radius.
         """
         if self.training:
             return (0.0, TUNING_HOLE_M)
@@ -164,7 +166,7 @@ class Plan:
         return self.config.holes_m if clip.holes_are_cut else (0.0,)
 
     def forms(self, clip: Clip, hole_m: float, method: Method) -> tuple[Form, ...]:
-        """Return the forms of the framework in which a method tracks a clip.
+        """Return the forms (variants) of the paper's framework in which a method tracks a clip (recording).
 
         In the paper's scene, these are all forms if there is no hole or the largest hole; with holes of other sizes,
         these are the forms that fit body parts to the surface. In other scenes, and for a complete tracker, only the

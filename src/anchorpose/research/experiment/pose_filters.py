@@ -87,12 +87,13 @@ def kalman_update(body: Body, rows: Constraints, predicted: PoseBelief, config: 
 def particle_update(
     body: Body, rows: Constraints, predicted: PoseBelief, config: RegistrationConfig, seed: int
 ) -> PoseBelief:
-    """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by ``rows``.
+    """Return the mean and covariance of particles (poses) that are drawn from the prediction and weighted by their
+    likelihood, which follows from the constraints ``rows``.
 
-    The pose has sixty-six parameters, so a single particle would get all the weight. So the likelihood is tempered
-    (Neal 2001, doi:10.1023/A:1008923215028): each step raises it to a power so small that at least half of the
-    particles stay effective; the powers of all steps sum to 1. After each step, particles are drawn again in a way that
-    keeps their mean and covariance (Liu and West 2001).
+    The pose has sixty-six parameters, so a single particle would get all the weight if the likelihood were applied at
+    once. Therefore the likelihood is tempered (Neal 2001, doi:10.1023/A:1008923215028): each step raises it to a power
+    so small that at least half of the particles stay effective; the powers of all steps sum to 1. After each step,
+    particles are drawn again in a way that keeps their mean and covariance (Liu and West 2001).
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(19,)))
     states = rng.standard_normal((PARTICLES, POSE_SIZE)) @ np.linalg.cholesky(predicted.covariance).T
@@ -134,7 +135,7 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 def _tempered(log_weight: np.ndarray, left: float) -> float:
     """Return the largest power of the likelihood at which enough particles (``EFFECTIVE``) stay effective.
 
-    left: the power that remains to be applied, which is the maximum.
+    left: the power that earlier steps have not yet applied; the result is at most this power.
     """
 
     def effective(share: float) -> float:

@@ -19,7 +19,9 @@ from anchorpose.research.experiment.method import Method
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """The joints of one method on one recording with one size of hole, in one form of the framework."""
+    """The joints that one method tracked in one recording with one size of hole, in one form (variant) of the paper's
+    framework.
+    """
 
     scene: Scene
     recording: str
@@ -116,8 +118,9 @@ MISSED_MM: Final = 100.0
 def capped_mean_mm(tree_mm: Sequence[np.ndarray]) -> float:
     """Return the mean distance of the track tree's matches from the truth, over all nodes of all pairs of frames.
 
-    A distance counts at most ``MISSED_MM``, since the forms of the framework that reject bad matches give outliers less
-    weight. tree_mm: one array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
+    A distance counts at most ``MISSED_MM``, as much as a node without a match, since a very wrong match does little
+    harm: the forms (variants) of the paper's framework that reject bad matches give outliers less weight. tree_mm: one
+    array (m,) for each pair of frames, NaN without a match. The result is NaN without nodes.
     """
     every = np.concatenate([np.zeros(0), *(np.where(np.isfinite(e), e, MISSED_MM) for e in tree_mm)])
     return float(np.minimum(every, MISSED_MM).mean()) if len(every) else np.nan

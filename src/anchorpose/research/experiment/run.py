@@ -58,7 +58,7 @@ movements", "slow, normal to fast".
 def training_clips(config: ExperimentConfig) -> list[Clip]:
     """Return the training recordings, each with one kind of movement and another body.
 
-    Together they have at least ``training_samples`` frames.
+    Together, the training recordings have at least ``training_samples`` frames.
     """
     seconds = max(config.training_samples / config.training_recordings, config.segment_frames + 1) / config.fps
     clips = []
@@ -73,7 +73,8 @@ def training_clips(config: ExperimentConfig) -> list[Clip]:
 def write_movements(path: Path, clips: list[Clip], samples: int) -> None:
     """Write the joints of the training recordings as reference movements, ``samples`` frames in total.
 
-    The paper takes these joints from the sensor's skeleton on unoccluded data; here they are the simulator's joints.
+    In the paper, the joints of the reference movements come from the sensor's skeleton on unoccluded data; here, they
+    are the simulator's true joints.
     """
     joints, names, rates, left = list[np.ndarray](), list[str](), list[float](), samples
     for clip in clips:

@@ -1,8 +1,8 @@
 """Do the work on one recording: simulate the recording, make its reference by tracking, cut holes, and run the tasks
 that have no result yet.
 
-In the paper's framework, a method runs on segments of the recording. This project's tracker runs on the whole
-recording.
+In the paper's framework, a method runs on segments (short pieces) of the recording. This project's tracker runs on the
+whole recording.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from anchorpose.tracker.room import Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedJoints:
-    """Tracked joints in f frames of a recording, in one or several forms of the framework."""
+    """Tracked joints in f frames of a recording, in one or several forms (variants) of the paper's framework."""
 
     frame: np.ndarray  # (f,), positions of the frames in the recording
     joints_m: np.ndarray  # (forms, f, 21, 3), world, NaN in frames in which the patient was lost
@@ -71,7 +71,9 @@ def segment_starts(frames: int, length: int, found: np.ndarray) -> list[int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A recording with one size of hole, and the forms of the framework in which methods run on it."""
+    """A recording with holes of one size in its depth images, and the forms (variants) of the paper's framework in
+    which methods run on it.
+    """
 
     recording: Recording  # the recording as read from its folder, before the cameras' clocks are aligned
     given: GivenFrames
@@ -88,7 +90,8 @@ class Trial:
 def track_segments(
     method: Method, setting: object, trials: Sequence[Trial], starts: Sequence[int], length: int
 ) -> list[TrackedJoints]:
-    """Track the segments that begin at ``starts`` by one method, in each trial and form.
+    """Track the segments that begin at ``starts`` by one method, in each trial (recording with holes of one size) and
+    in each of the trial's forms of the paper's framework.
 
     Tracking restarts in each segment. The segment's first frame, whose pose is given, is left out of the result. For
     frames into which no hole was cut, all trials share the descriptors and matches.
@@ -110,8 +113,8 @@ def track_segments(
 def track_whole(method: Method, setting: object, recording: Recording) -> TrackedJoints:
     """Track the whole recording with this project's tracker, which finds the patient and learns the body itself.
 
-    The result does not depend on the form of the paper's framework, in which this tracker does not run. Joints are
-    taken from the pose, even if the tracker reports them as lost.
+    This tracker does not run in the paper's framework, so the result does not depend on the form of the framework.
+    Joints are taken from the pose, even if the tracker reports them as lost.
     """
     frames = np.arange(len(recording.streams[0].files))
     try:
@@ -190,7 +193,9 @@ def _prepare(clip: Clip, folder: Path, truth: Path, plan: Plan) -> PreparedClip:
 
 @contextmanager
 def with_holes(prepared: PreparedClip, hole_m: float) -> Iterator[tuple[Recording, np.ndarray]]:
-    """Yield the recording with holes of a radius, and the frames (t,) bool that lost readings; 0 = no holes."""
+    """Yield the recording with holes of the radius ``hole_m`` in its depth images (0 = no holes), and the frames (t,)
+    bool that lost readings.
+    """
     if hole_m == 0:
         yield prepared.recording, np.zeros(len(prepared.in_hole), bool)
         return
@@ -252,7 +257,7 @@ def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float,
 
 
 def _segments(prepared: PreparedClip, plan: Plan) -> list[int]:
-    """Return the starts of the segments that every method runs on, drawn at random."""
+    """Return the first frames of the segments (pieces of the recording) on which every method runs, drawn at random."""
     return draw_some(prepared.starts, plan.config.segments, prepared.seed)
 
 
@@ -284,7 +289,8 @@ def _windows_over(
 
 
 def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[int]:
-    """Return the first frames of the windows, drawn at random, but the same for every size of hole.
+    """Return the first frames of the windows (pieces of the recording in which matches are compared), drawn at random,
+    but the same for every size of hole.
 
     stride: number of frames from the first to the second frame of a window. If holes are cut in the recording, at least
     one of these two frames is a frame with a hole.
@@ -296,8 +302,8 @@ def window_frames(prepared: PreparedClip, plan: Plan, stride: int = 1) -> list[i
 
 
 def _evaluated(track: TrackedJoints, starts: Sequence[int], length: int) -> TrackedJoints:
-    """Return the tracked joints in only the frames that the other methods have, too: the segments without their first
-    frames.
+    """Return the tracked joints only in the frames in which the other methods have tracked joints, too: all frames of
+    the segments, except the first frame of each segment.
     """
     kept = np.zeros(len(track.frame), bool)
     for start in starts:
@@ -313,8 +319,8 @@ def _tracked_arrays(track: TrackedJoints, prepared: PreparedClip, cut: np.ndarra
 def _matched_arrays(
     windows: Sequence[Window], scores: Sequence[MatchErrors], prepared: PreparedClip, cut: np.ndarray, plan: Plan
 ) -> dict[str, object]:
-    """Return the arrays to be stored for a task, with the nodes of all windows; the array ``window`` states each node's
-    window.
+    """Return the arrays to be stored for a task, with the nodes of all windows, one window after another; the array
+    ``window`` has the number of each node's window.
     """
     height_m = np.nan if prepared.skin is None else prepared.skin.clinic.patient.person.height_m
     gap_of = {plan.config.stride(gap_s): gap_s for gap_s in plan.gaps_s}

@@ -59,7 +59,8 @@ def spread_over_two(bins: np.ndarray, fraction: float, weight: float) -> None:
     at = fraction * len(bins) - 0.5
     low = int(np.floor(at))
     part = at - low
-    # ``%`` is not used to wrap the index, since it would take longer than all other steps
+    # ``%`` is not used to wrap the index, since this operation alone would take longer than all other steps of the
+    # function
     low = low if low >= 0 else len(bins) - 1
     bins[low] += weight * (1.0 - part)
     bins[low + 1 if low + 1 < len(bins) else 0] += weight * part
@@ -96,7 +97,7 @@ def smooth(bins: np.ndarray, rounds: int) -> None:
             before = here
 
 
-# arctan(t) / t as a polynomial in t^2, through Chebyshev nodes; the error is below 1e-7 rad in single precision
+# arctan(t) / t as a polynomial in t^2, interpolated at Chebyshev nodes; the error is below 1e-7 rad in single precision
 _A0, _A1, _A2, _A3 = (np.float32(a) for a in (0.999999982, -0.333330367, 0.19991872, -0.141977978))
 _A4, _A5, _A6, _A7 = (np.float32(a) for a in (0.106183706, -0.0745685481, 0.0421376235, -0.015731249))
 _A8 = np.float32(0.00276628348)

@@ -129,7 +129,8 @@ def image_side(samples: int) -> int:
 
 
 def cell_shares(samples: int) -> np.ndarray:
-    """Return (side, 3) float64 for each column (or row) of pixels: its Gaussian weight, and the cells that share it.
+    """Return (side, 3) float64: for each column (or row) of pixels, its Gaussian weight, and how two cells share this
+    weight.
 
     A column lies between the middles of two neighbouring cells and counts for both. The second value is the index of
     the first of these cells (0 is the margin); the third is the fraction of the weight that the second cell gets.
@@ -144,11 +145,11 @@ def cell_shares(samples: int) -> np.ndarray:
 def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray) -> bool:
     """Fill descriptor (WIDTH,) float32, cells row after row; return False if the image has no known gradient.
 
-    image (side, side): side of ``image_side``, rows downwards, NaN = unknown. shares: the result of ``cell_shares``.
-    Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation is counted from the
-    direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian with a sigma of two
-    cells, and distributed linearly between cells and orientations. The result is scaled to unit length, values above
-    ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
+    image (side, side): heights, rows downwards, NaN = unknown; side is the result of ``image_side``. shares: the result
+    of ``cell_shares``. Gradients are central differences, but one-sided beside unknown pixels. A gradient's orientation
+    is counted from the direction of the columns towards the direction of the rows. Gradients are weighted by a Gaussian
+    with a sigma of two cells, and distributed linearly between cells and orientations. The result is scaled to unit
+    length, values above ``CLIP`` are set to ``CLIP``, and the result is scaled again. Source: Lowe 2004
     (doi:10.1023/B:VISI.0000029664.99615.94), section 6.
     """
     side = len(image)
@@ -185,7 +186,9 @@ def describe_image(image: np.ndarray, shares: np.ndarray, descriptor: np.ndarray
 
 @njit(cache=True, error_model="numpy")
 def _row_gradients(above: np.ndarray, row: np.ndarray, below: np.ndarray, length: np.ndarray, turn: np.ndarray) -> None:
-    """Fill the lengths (NaN = unknown) and the orientations, ``turn`` in [0, ORIENTATIONS), of a row's inner pixels."""
+    """Fill the lengths (NaN = unknown) and the orientations, ``turn`` in [0, ORIENTATIONS), of the gradients at the
+    pixels of ``row``, except its first and last pixel.
+    """
     for j in range(1, len(row) - 1):
         dx, dy = _difference(row[j - 1], row[j], row[j + 1]), _difference(above[j], row[j], below[j])
         length[j] = np.sqrt(dx * dx + dy * dy)

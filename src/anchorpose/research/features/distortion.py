@@ -2,10 +2,10 @@
 
 d_PE is half the smallest distortion of any map from the first surface to the second.
 
-See the paper, equation eq:gmds (its LaTeX label). The distortion of a map is the greatest change of a distance
-(equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound finds the
-map of smallest distortion exactly, for few samples. For matching surfaces, the module ``gmds`` uses the changes of all
-distances, not only the greatest, since this distinguishes maps better.
+The paper defines d_PE by the equation whose LaTeX label is eq:gmds. The distortion of a map is the greatest change of a
+distance (equation eq:distortion; Bronstein, Bronstein and Kimmel 2006, doi:10.1073/pnas.0508601103). Branch and bound
+finds the map of smallest distortion exactly, for few samples. For matching surfaces, the module ``gmds`` uses the
+changes of all distances, not only the greatest, since this distinguishes maps better.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates:
     In both sets, nodes lie as far apart as possible.
 
     Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
-    pieces of a surface, distances are ``APART_M``.
+    pieces of a surface, distances are ``APART_M``, far greater than any distance on a body.
     """
     nodes = farthest_points(one, samples)[0], farthest_points(other, candidates)[0]
     return least_distortion(_among(one, nodes[0]), _among(other, nodes[1]))

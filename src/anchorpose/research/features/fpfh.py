@@ -24,9 +24,9 @@ _FULL, _DEGENERATE = np.float32(100.0), np.float32(1e-12)
 class FpfhConfig:
     """Settings of FPFH, whose descriptors consist of 3 histograms of 11 bins."""
 
-    # m, radius within which a node's simplified histogram counts other nodes. A descriptor averages the
-    # histograms of these nodes, so it depends on the surface within twice the radius. With 10 cm, the errors of matches
-    # are twice as large.
+    # m, radius within which a node's simplified histogram counts other nodes. A descriptor averages the simplified
+    # histograms of the nodes within this radius, so it depends on the surface within twice the radius. With a radius of
+    # 10 cm, the errors of matches are twice as large.
     radius_m: Positive = 0.15
     own_histogram: bool = False  # True: the node's own histogram is added, as in the paper and Open3D, but not in PCL
 

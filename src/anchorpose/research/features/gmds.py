@@ -24,7 +24,8 @@ from anchorpose.surface.mesh import keep_nodes
 from anchorpose.surface.surface import Surface
 
 APART_M: Final = 1e3  # m, assumed distance between separate pieces of surface, far greater than distances on a body
-# m, maximum RMS change of distances of the maps in ``_starts``; the limit is doubled until enough maps are found
+# m, first limit of the root mean square change of distances, up to which ``_starts`` searches maps; the limit is
+# doubled until enough maps are found
 FIRST_LIMIT_M: Final = 0.02
 
 
@@ -32,11 +33,11 @@ def farthest_points(surface: Surface, count: int) -> tuple[np.ndarray, np.ndarra
     """Return nodes (k,) int32, each as far as possible from the nodes before it, and their distance fields.
 
     k is ``count`` unless there are fewer nodes. The fields (k, n) float32 are in metres; nodes on other pieces of
-    surface get ``APART_M``. The first node is the farthest from the middle of its piece; the middle is the node nearest
-    to the mean position of all nodes. Nodes of a piece without a chosen node count as farther away than all nodes of
-    pieces with a chosen node. Raises ValueError for nodes that are not finite. Source: Gonzalez 1985
-    (doi:10.1016/0304-3975(85)90224-5): the greatest distance of a node from its nearest chosen node is at most twice as
-    large as with the best choice.
+    surface get ``APART_M``, far greater than any distance on a body. The first node is the farthest from the middle of
+    its piece; the middle is the node nearest to the mean position of all nodes. Nodes of a piece without a chosen node
+    count as farther away than all nodes of pieces with a chosen node. Raises ValueError for nodes that are not finite.
+    Source: Gonzalez 1985 (doi:10.1016/0304-3975(85)90224-5): the greatest distance of a node from its nearest chosen
+    node is at most twice as large as with the best choice.
     """
     wanted = min(count, len(surface))
     nodes, fields = np.empty(wanted, np.int32), np.empty((wanted, len(surface)), np.float32)
@@ -171,7 +172,9 @@ def _starts(among_a: np.ndarray, among_b: np.ndarray, config: GmdsConfig) -> tup
 def _settled(
     among_a: np.ndarray, among_b: np.ndarray, start: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, float]:
-    """Map all samples to candidates, starting from a map of the first samples; return candidates (k,) and stress."""
+    """Map all samples to candidates, starting from a map of the first samples; return the candidate of each sample
+    (k,), and the stress: the root mean square of the capped changes of distance.
+    """
     places = np.zeros(len(among_a), np.int32)
     places[: len(start)] = start
     settle(among_a, among_b, places, len(start), config.cap_m, config.sweeps)
@@ -179,7 +182,9 @@ def _settled(
 
 
 def _alternatives(found: list[tuple[np.ndarray, float]], among_b: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return up to ``count`` maps of least stress, without maps that nearly equal a better map."""
+    """Return up to ``count`` maps with the least stress (root mean square of the changes of distance), without maps
+    that nearly equal a better map.
+    """
     kept: list[np.ndarray] = []
     for places, _ in sorted(found, key=lambda one: one[1]):
         if len(kept) < count and all(among_b[places, other].mean() > _spacing_m(among_b) for other in kept):
@@ -195,7 +200,8 @@ def _spacing_m(distances: np.ndarray) -> float:
 def _refined(
     target: Surface, among_a: np.ndarray, places: np.ndarray, fields: np.ndarray, config: GmdsConfig
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Move each sample in turn to the node of least stress, until no sample moves or all sweeps are done.
+    """Move each sample in turn to the node with the least stress (root mean square of the changes of distance), until
+    no sample moves or all sweeps are done.
 
     Return the samples' places, the distance fields of these places, and the stress.
     """

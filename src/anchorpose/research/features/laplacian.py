@@ -27,7 +27,8 @@ from anchorpose.surface.surface import Surface
 # minimum excess of the sum of two sides of a triangle over the third side, as a share of the mean edge length
 MIN_SLACK: Final = 1e-5
 FLIPS_PER_EDGE: Final = 50  # maximum flips per half-edge, more than any mesh needs; rounding might cause endless flips
-# rounding error of the sum of two cotangents; an edge is flipped if its sum of cotangents is more negative than this
+# rounding error of the sum of two cotangents; an edge is flipped only if the sum of its two cotangents is less than
+# minus this value
 TOLERANCE: Final = 1e-9
 
 

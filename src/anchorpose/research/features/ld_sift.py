@@ -34,7 +34,8 @@ REACH: Final = np.sqrt(2.0) * (CELLS + 1) / CELLS
 class Beyond(StrEnum):
     """The value of the depth map at pixels without surface."""
 
-    # NaN, so these pixels have no gradient, and the end of the camera's view does not count as part of the shape
+    # pixels without surface are NaN, so they have no gradient, and the end of the camera's view does not count as part
+    # of the shape
     UNKNOWN = "unknown"
     FLOOR = "floor"  # a plane floor_m below the node, so that the surface's outline is an edge
 

@@ -1,7 +1,7 @@
 """Compute derivatives on the mesh: the gradient of a function known at the nodes, and the curvature of the surface.
 
 Curvature is computed from the change of the normals, since second differences of depth are mostly noise. The normals
-are already fitted to many pixels. A further fit, of the normals' change over all neighbours within a few centimetres,
+are already fitted to many pixels. Fitting the change of the normals over all neighbours within a few centimetres
 preserves the curvature of a limb or a nose. On planes, spheres and cylinders, the result is exact.
 """
 
@@ -74,7 +74,8 @@ def gaussian_curvature(surface: Surface, radius_m: float) -> np.ndarray:
 def _curvatures(
     points: np.ndarray, normals: np.ndarray, start: np.ndarray, ring: np.ndarray, distance: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Return the curvatures by the normal equations of S = [[a, b], [b, c]].
+    """Return the curvatures, which are the eigenvalues of the shape operator S = [[a, b], [b, c]]; S is fitted by the
+    normal equations of least squares.
 
     A neighbour at (u, v) in the tangent plane, whose normal differs by (dn_u, dn_v), gives two equations: dn_u = a u +
     b v and dn_v = b u + c v.
@@ -101,7 +102,8 @@ def _curvatures(
         both, flat = uu + vv, uu * vv - uv * uv
         if not flat > (FLAT_RATIO * both) ** 2:
             continue
-        # the normal equations, with uu, uv, ... as sums: [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
+        # the normal equations for a, b and c, in which uu, uv, vv, ru, rb and rv are weighted sums over the neighbours,
+        # and both = uu + vv: [uu uv 0; uv both uv; 0 uv vv] [a b c] = [ru rb rv]
         b = (rb - uv * ru / uu - uv * rv / vv) / (both - uv * uv / uu - uv * uv / vv)
         a, c = (ru - uv * b) / uu, (rv - uv * b) / vv
         middle, apart = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)

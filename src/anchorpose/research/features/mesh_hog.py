@@ -28,7 +28,7 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """Settings of MeshHOG. The default values are the authors', except both radii and the smoothing."""
+    """Settings of MeshHOG. The default values are the authors' values, except for both radii and the smoothing."""
 
     # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body, at a computing time of
     # 0.1 s per frame
@@ -165,7 +165,8 @@ def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -
             total += weight
     if not total > 0.0:
         return np.nan
-    # Angles are counted from this direction, since it turns with the body, unlike the frame's tangents
+    # Angles are counted from the weighted mean direction (x, y) of the neighbours, since this direction turns with the
+    # body, unlike the frame's tangents
     begin = turn_fraction(x, y, 0.0)
     polar[:] = 0.0
     for c in range(count):

@@ -76,7 +76,8 @@ class _RoughDifferences:
 class _RoughSquares:
     """Rough squared distances to the rows of a table (n, d), without |s|^2, which is constant for a source row s.
 
-    The table's mean row is subtracted from all rows, so that squares are not much larger than their differences.
+    The table's mean row is subtracted from all rows: smaller values have smaller squares, so the rounding errors of the
+    squares matter less for the distances.
     """
 
     def __init__(self, target: np.ndarray) -> None:

@@ -41,8 +41,8 @@ def find_neighbours(points_m: np.ndarray, radius_m: float) -> Neighbours:
 def _within(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the arrays start, node and squared distance of ``Neighbours``.
 
-    Successive nodes of a mesh lie side by side, so whole blocks of them are near or far. The result is in ascending
-    order, unlike the result of a search tree.
+    Successive nodes of a mesh lie side by side, so whole blocks of successive nodes can be skipped if they are far
+    away. The result is in ascending order, unlike the result of a search tree.
     """
     low, high = _boxes(points)
     limit, count = radius * radius, len(points)
@@ -89,7 +89,9 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def longer(array: np.ndarray, extra: int) -> np.ndarray:
-    """Return a copy of the array with space for twice as many entries and ``extra`` more."""
+    """Return a copy of the array with more space: twice the length of the array plus ``extra``; the entries after the
+    copied entries have arbitrary values.
+    """
     room = np.empty(2 * len(array) + extra, array.dtype)
     room[: len(array)] = array
     return room

@@ -1,4 +1,5 @@
-"""Find the paper's anchors (Sections IV-B and V): nodes farther from the centre than all other nodes within 0.5 m.
+"""Find the paper's anchors (Sections IV-B and V): nodes that are farther along the surface from the body's centre than
+all other nodes within 0.5 m.
 
 Each such node, an extremum, is itself the anchor. A piece of surface that is not connected to the centre has no anchor.
 The paper orders extrema "based on the corresponding body parts" and gives no rule. In this module, an extremum has the
@@ -20,8 +21,8 @@ from anchorpose.surface.surface import Surface
 
 # m, radius around an extremum in which no node is farther from the centre; the paper's r, chosen "empirically"
 RADIUS_M: Final = 0.5
-# Maximum distance in m between an extremum and an anchor at the same end of a limb. It is twice the depth of the
-# surface that counts as the end (the cap, see ``geodesics.extrema``).
+# Maximum distance in m between an extremum and an anchor at the same end of a limb. The distance is twice the depth of
+# the cap, the surface that counts as the end of a limb (see ``geodesics.extrema``).
 SAME_END_M: Final = 0.12
 # distances along the edges, as in the work that the paper cites for extrema
 by_edges = partial(solve_distance, solver=Solver.DIJKSTRA)
@@ -37,7 +38,8 @@ def paper_anchors(surface: Surface, named: Anchors) -> Anchors:
     extrema, anchors = geodesic_extrema(surface, field, RADIUS_M), no_anchors()
     apart = np.linalg.norm(surface.points_m[extrema][:, None] - named.position_m[None], axis=2)
     apart = np.where(apart < SAME_END_M, apart, np.inf)
-    # m; distances are capped, so that an assignment exists; the loop below skips pairs that are too far apart
+    # m; pairs that are too far apart have 1 m instead of an infinite distance, so that an assignment exists; the loop
+    # below skips these pairs
     cost = np.minimum(apart, 1.0)
     for row, name in zip(*linear_sum_assignment(cost), strict=True):
         if np.isfinite(apart[row, name]):

@@ -152,7 +152,8 @@ def _possible(
 
 @njit(cache=True)
 def _middle(places: np.ndarray, psi: np.ndarray, offset: np.ndarray, unclipped: bool) -> int:
-    """Return the node of psi (m,) nearest to its middle.
+    """Return the node of ``psi`` (m,) that is nearest to psi's middle: the average position of its nodes or, if
+    ``unclipped`` and if psi has at least ``FEWEST`` nodes, its unclipped middle (see ``_shift``).
 
     offset (m, a): the distances of psi's nodes to the anchors minus the source node's distances.
     """

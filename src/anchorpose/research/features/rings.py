@@ -23,9 +23,9 @@ class Rings(NamedTuple):
 def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
     """Return, for each node, all nodes to which edges and links lead within reach_m.
 
-    reach_m: metres along the edges, one value for all nodes or (n,). A node's row is empty if its reach is NaN or it
-    has no position. A node that is near but not connected (an arm in front of the trunk) is not a neighbour. Raises
-    ValueError for a reach that is not positive.
+    reach_m: largest length in metres of the path along edges and links to a neighbour; one value for all nodes, or
+    (n,). A node's row is empty if its reach is NaN or it has no position. A node that is near but not connected (an arm
+    in front of the trunk) is not a neighbour. Raises ValueError for a reach that is not positive.
     """
     reach = np.broadcast_to(np.asarray(reach_m, np.float64), (len(surface),)).copy()
     if (reach <= 0).any():
@@ -39,7 +39,9 @@ def rings_within(surface: Surface, reach_m: float | np.ndarray) -> Rings:
 
 
 class _Edges(NamedTuple):
-    """The edges of a surface with their lengths in metres: edges of the grid (n, 8), and links."""
+    """The edges of a surface with their lengths in metres: edges of the pixel grid (n, 8), and links (edges outside the
+    grid).
+    """
 
     ring: np.ndarray
     length_m: np.ndarray
@@ -50,7 +52,7 @@ class _Edges(NamedTuple):
 
 @njit(cache=True)
 def _search(edges: _Edges, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start, node and distance of ``Rings``; a row stays empty if its reach is NaN."""
+    """Return the arrays start, node and distance of ``Rings``; a row stays empty if its reach is NaN."""
     count = len(edges.ring)
     best, waits = np.full(count, np.inf, np.float32), np.zeros(count, np.bool_)
     queue = np.empty(max(count, 1), np.int32)

@@ -21,7 +21,7 @@ STATISTICS = 5  # number of values per projection: the central moments 11, 21, 1
 
 @settings
 class RopsConfig:
-    """Settings of RoPS. With three turns about each axis, a descriptor has 135 numbers (``columns``)."""
+    """Settings of RoPS. With three rotations per axis (``turns``), a descriptor has 135 numbers (``columns``)."""
 
     # m, radius of the neighbourhood; 15 times the mean length of an edge (13 mm), as in the authors' work
     radius_m: Positive = 0.20
@@ -99,7 +99,9 @@ def _to_local(points: np.ndarray, own: int, near: np.ndarray, frame: np.ndarray,
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})  # vectorised only if the compiler may ignore NaN
 def _into_bins(values: np.ndarray, count: int, bins: int, cell: np.ndarray) -> None:
-    """Fill cell with the bin of each value. Bins divide the values' range evenly; without a range, all are in bin 0."""
+    """Fill cell with the bin of each value. Bins divide the range of the values evenly; if all values are equal, all
+    are in bin 0.
+    """
     low, high = values[0], values[0]
     for m in range(count):
         low = values[m] if values[m] < low else low

@@ -1,4 +1,5 @@
-"""Compute 3D shape contexts: the density of points in the cells of a sphere. Shells are thinner towards its centre.
+"""Compute 3D shape contexts: the density of points in the cells of a sphere, which consists of shells that are thinner
+towards the centre of the sphere.
 
 Sources: Frome, Huber, Kolluri, Buelow, Malik 2004 (doi:10.1007/978-3-540-24672-5_18), cells and weights as in PCL 1.13.
 The paper does not define where azimuth begins, and compares descriptors at every rotation about the normal. One

@@ -30,8 +30,8 @@ _TWO = np.float32(2.0)
 class ShotConfig:
     """Settings of SHOT, whose descriptors have 352 numbers."""
 
-    # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with 15 cm, errors
-    # of matches are 1.5 times as large
+    # m, radius of the sphere, also for the local frame. The sphere contains a limb with its edges; with a radius of 15
+    # cm, errors of matches are 1.5 times as large
     radius_m: Positive = 0.20
     # True: z points to the normal's side; False: to the side with most points, as in the authors' program
     z_by_normal: bool = False
@@ -114,7 +114,9 @@ def _locate(
 
 @njit(cache=True, error_model="numpy")
 def _vote(turn: np.float32, out: np.float32, inclination: np.float32, lean: np.float32, row: np.ndarray) -> None:
-    """Add one neighbour's votes: to its own bin, and by each interpolation to one adjacent bin."""
+    """Add one neighbour's votes to ``row``: to the neighbour's own bin and, in each of the four interpolations, to at
+    most one adjacent bin.
+    """
     eighth = min(np.int32(turn), np.int32(7))
     outer, upper = np.int32(out > _HALF), np.int32(inclination < HALF_PI)
     sector = (eighth << 2) | (outer << 1) | upper

@@ -259,8 +259,8 @@ def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
     The signature is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2. w_i is a
     Gaussian of log lambda_i around e, and the integral over the largest piece is 1. The signature is NaN at nodes
     without triangles, and on a piece without positive eigenvalues, whose particles have no energy. Source: Aubry,
-    Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies keep two standard
-    deviations away from either end of the range.
+    Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies lie at least two standard
+    deviations of the Gaussian inside the range of log lambda_i, or inside the range that the configuration has.
     """
     config = config or WksConfig()
     moving = spectrum.positive

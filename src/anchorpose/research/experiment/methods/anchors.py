@@ -1,4 +1,6 @@
-"""Define the paper's proposed feature, geodesic distances to the anchors (Definition 3), and variants of it."""
+"""Define the paper's proposed feature, geodesic distances to the anchors (tips of head, hands and feet; Definition 3),
+and variants of this feature.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,14 @@ PAPER_SUBSET: Final = 3  # number of anchors in a subset, N_S: "three anchor nod
 class AnchorSetting:
     """Settings of matching by psi, the set of nodes with similar distances to the anchors (see ``features.psi``)."""
 
-    # Maximum difference between a node's distances to the anchors and the distances of the nodes in its psi. The
-    # paper's authors chose this limit by hand.
+    # Maximum difference between a node's distances to the anchors and the distances of a similar node of the other
+    # frame; psi is the set of these similar nodes. The paper's authors chose this limit by hand.
     gate: GateConfig = PAPER_GATE
     unclipped: bool = True
     squared: bool = False
-    # Whether a piece of surface has an extra, smaller subset if a hole cuts the piece off from so many anchors that the
-    # others are too few for a subset. The extra subset has the anchors from which a path still leads to the piece.
+    # Whether a piece of surface is matched by an extra, smaller subset of anchors if a hole cuts the piece off from so
+    # many anchors that too few for a subset remain. The extra subset consists of the anchors from which a path still
+    # leads to this piece of surface.
     pieces: bool = True
 
 
@@ -65,7 +68,8 @@ def _by_edges(seen: Observation) -> np.ndarray:
 
 
 def by_psi(describe: Callable[[Observation], np.ndarray], size: int, setting: AnchorSetting) -> Associate:
-    """Return a function that matches two frames: each node gets one hypothesis per subset of ``size`` anchors.
+    """Return a function that matches two frames: each node gets one hypothesis (possible match) for each subset of
+    ``size`` anchors.
 
     Subsets contain only anchors that both frames have. describe: function that returns the distances (n, 5) of a
     frame's seen nodes to the anchors; the column of a missed anchor is NaN.

@@ -79,7 +79,8 @@ def _both(
     frame_ms: float,
     first_m: float = RADII_M[0],
 ) -> tuple[Method, Method]:
-    """Return two methods with one descriptor: with the best of all tried settings, and with ``USUAL_RADIUS_M``.
+    """Return two methods with the same descriptor: the first has the best of all tried settings, the second has the
+    fixed radius ``USUAL_RADIUS_M``.
 
     The difference between the two methods' errors shows the effect of tuning. setting: returns the setting for a radius
     and for one of two variants (0 or 1) of the descriptor or its metric. first_m: the radius that is tried first, and

@@ -24,8 +24,8 @@ SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
 class LearntConfig:
     """Settings of the learnt descriptor."""
 
-    # Factor by which SHOT's signature is multiplied before it is appended to the place (in body heights); 0 = no
-    # signature, the descriptor is the place
+    # Factor by which SHOT's signature is multiplied before it is appended to the learnt place on the body (in body
+    # heights); 0 = no signature, so the descriptor is the learnt place alone
     local: float = 0.0
 
 

@@ -26,13 +26,13 @@ from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.observing import Associate
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-# Maximum squared deviation of a distance or place, in sigma^2. Greater values, which occlusions cause, are set to this
-# maximum, and so is the deviation of an unknown distance.
+# Maximum squared deviation of a distance or place, in sigma^2. A greater squared deviation, which occlusions cause, is
+# set to this maximum, and so is the squared deviation of an unknown distance.
 MOST: Final = 9.0
-# Maximum squared deviation of a signature, in sigma^2. Greater values are set to this maximum, since a hole beside a
-# node changes the node's signature.
+# Maximum squared deviation of a signature, in sigma^2. A greater squared deviation is set to this maximum, since it
+# does not rule out a match: a hole beside a node changes the node's signature.
 MOST_SHOT: Final = 18.0
-# Maximum distance in m of a match from the predicted place. A hand at 3 m/s moves this far in 0.1 s, and its descriptor
+# Maximum distance in m of a match from the predicted place. A hand at 3 m/s moves 0.3 m in 0.1 s, and its descriptor
 # still identifies the hand.
 GIVEN_UP_M: Final = 0.30
 # number of nodes matched at once, to save memory: 500 nodes with 2,000 possible matches each need 4 MB
@@ -61,7 +61,8 @@ SETTINGS: Final = (
 
 
 def _configure(config: TrackConfig, setting: NextSetting) -> TrackConfig:
-    """Return the configuration in which the expected body closes holes in the mesh, as in this project's tracker.
+    """Return the configuration in which the body model in the expected pose closes holes in the mesh, as in this
+    project's tracker.
 
     If bad matches are rejected, matches farther than ``GIVEN_UP_M`` from the predicted place count as bad.
     """
@@ -87,8 +88,8 @@ def _associate(setting: NextSetting) -> Associate:
         source = now.descriptor - jitter_m(now, following, unlike(now, following))
 
         def find(nodes: np.ndarray) -> np.ndarray:
-            # deviations of signatures are taken from the cache on each call: if this closure kept them, they would need
-            # 16 MB for 2,000 nodes
+            # the deviations of the signatures are taken from the cache on each call; if this function kept them
+            # instead, they would need 16 MB for 2,000 nodes
             local = unlike(now, following)
             match = np.empty((len(nodes), len(subsets)), np.int32)
             per2 = (setting.anchor_sigma_m**-2, setting.place_sigma_m**-2)
@@ -180,7 +181,8 @@ def _add_up(
     each: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Fill ``sums`` (s,), per subset, with base plus the squared deviations of the distances to the subset's anchors.
+    """Fill ``sums`` (s,), for each subset of anchors, with ``base`` (the result of ``_base``) plus the squared
+    deviations of the distances to the subset's anchors.
 
     ``each`` (5,) is filled with the squared deviation of the distance to each anchor.
     """

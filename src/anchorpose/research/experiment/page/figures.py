@@ -187,7 +187,9 @@ REGIONS_FIGURES = (
 
 
 def _draw_scenes(tables: Sequence[Table]) -> Any:
-    """Draw one panel per column of errors (a scene with or without holes), with a dot per method."""
+    """Draw one panel per column of errors (a scene with or without holes in its depth images); each panel has a dot per
+    method.
+    """
     table = tables[0]
     methods, columns = table.methods, [column for column in table.columns if column.unit is Unit.MM]
     wide = min(len(columns), 5)

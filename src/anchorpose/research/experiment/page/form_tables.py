@@ -1,8 +1,8 @@
-"""Make tables by form of the framework, and by gap (time between the two frames whose nodes are matched); compare "next
-generation" with the other methods.
+"""Make tables by form (variant) of the paper's framework, and by gap (time between the two frames whose nodes are
+matched); compare the method "next generation" (anchors with the local descriptor SHOT) with the other methods.
 
-Forms of the framework differ in whether body parts are also registered to the surface, and in whether bad matches are
-rejected. Tables of "next generation" compare this method with every other method.
+The forms of the paper's framework differ in whether body parts are also registered to the surface, and in whether bad
+matches are rejected. Tables of "next generation" compare this method with every other method.
 """
 
 from __future__ import annotations
@@ -56,7 +56,9 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return (form, radius of the hole, column of the table) for each form, with no hole and with the largest hole."""
+    """Return (form, radius of the hole, column of the table) for each form of the paper's framework, without holes and
+    with the largest holes.
+    """
     found = []
     for form in results.config.forms:
         holes = Tracking(results, form).holes(Scene.PAPER)

@@ -32,7 +32,7 @@ COMPARABLE: Final = 0.8
 # clearly less, as the claim requires.
 CLEARLY_LESS: Final = 0.8
 # Minimum share of the matches of hands (or feet) that lie on the opposite hand (or foot), for the word "often" in the
-# claim. By chance, this share is 1 in 40.
+# claim. If matches were random, 1 in 40 would lie on the opposite hand (or foot).
 OFTEN: Final = 0.1
 INACCURATE_MM: Final = 100.0  # mm, minimum median error to be called inaccurate: twice the paper's bound for anchors
 SYMMETRIC: Final = ("hand", "foot")
@@ -231,7 +231,9 @@ class MatchingClaims:
         )
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
+        """Return the methods of these families, except methods with a filter (see ``Update``), since such methods only
+        show the filter's effect.
+        """
         every = self._methods.values()
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

@@ -159,7 +159,9 @@ def _curve(matching: Matching, resamples: int, key: str, title: str, places: Seq
 
 
 def _counts(matching: Matching, places: np.ndarray, by_height: bool, match: Matched) -> np.ndarray:
-    """Return (1, places): number of nodes whose match is at most each of ``places`` from the truth, along the skin."""
+    """Return, for each distance in ``places``, the number of nodes whose match is at most at this distance from the
+    truth, along the skin: an array (1, places).
+    """
     distance = match.direct_skin_mm if matching.has_direct(match.method) else match.tree_skin_mm
     known = np.sort(distance[np.isfinite(distance)])
     reach = places * 1000 * match.body_m if by_height else places

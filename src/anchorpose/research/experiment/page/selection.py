@@ -47,10 +47,10 @@ def without_hands(error_mm: np.ndarray) -> np.ndarray:
 
 
 class Tracking:
-    """The results of tracking in one form of the framework, by scene, method and size of hole.
+    """The results of tracking in one form (variant) of the paper's framework, by scene, method and size of hole.
 
-    Recordings are sorted by name. This project's tracker runs outside the framework, so its results are included
-    whatever the form.
+    Recordings are sorted by name. This project's tracker runs outside the paper's framework, so its results are
+    included in every form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -61,7 +61,7 @@ class Tracking:
                 self._runs[run.scene, run.method, run.hole_m][run.recording] = _in_order(run)
 
     def holes(self, scene: Scene) -> list[float]:
-        """Return the sizes of hole in a scene, in metres; 0 = no hole."""
+        """Return the radii in metres of the holes that were cut into a scene's depth images; 0 = no hole."""
         return sorted({hole for of, _, hole in self._runs if of is scene})
 
     def ran(self, scene: Scene, methods: Iterable[Method]) -> list[Method]:
@@ -170,7 +170,7 @@ class Matching:
         self.windows: list[WindowKey] = sorted(set.intersection(*windows)) if windows else []
 
     def holes(self) -> list[float]:
-        """Return the sizes of hole in metres; 0 = no hole."""
+        """Return the radii in metres of the holes that were cut into depth images; 0 = no hole."""
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
@@ -192,7 +192,9 @@ class Matching:
 
 
 def direct_mm(match: Matched) -> np.ndarray:
-    """Return the straight distances (mm) of the direct matches from the truth, one per node; NaN without a match."""
+    """Return the straight distances (mm) of the direct matches (made without the track tree) from the truth, one per
+    node; NaN without a match.
+    """
     return match.direct_mm
 
 
@@ -207,7 +209,8 @@ def every_mm(match: Matched) -> np.ndarray:
 
 
 def of_moved(take: Callable[[Matched], np.ndarray]) -> Callable[[Matched], np.ndarray]:
-    """Return ``take`` restricted to the nodes that moved by more than ``MOVED_MM``.
+    """Return a function that returns the result of ``take``, but only for the nodes that moved by more than
+    ``MOVED_MM``.
 
     Between neighbouring frames, most nodes hardly move, so a result over all nodes says little about moved nodes.
     """
@@ -227,7 +230,7 @@ def penalised_mm(match: Matched) -> np.ndarray:
 def error_of(matching: Matching, method: str) -> Callable[[Matched], np.ndarray]:
     """Return the function that returns the errors of a method's direct matches, which the paper compares, too.
 
-    For a method without direct matches, it returns the errors of the matches that the track tree chose.
+    For a method without direct matches, the function returns the errors of the matches that the track tree chose.
     """
     return direct_mm if matching.has_direct(method) else tree_mm
 
@@ -239,5 +242,7 @@ def mirrored_of(match: Matched) -> np.ndarray:
 
 
 def in_regions(take: Callable[[Matched], np.ndarray], regions: Sequence[int]) -> Callable[[Matched], np.ndarray]:
-    """Return ``take`` restricted to the nodes in some regions of the body (indices into ``REGIONS``)."""
+    """Return a function that returns the result of ``take``, but only for the nodes in some regions of the body
+    (indices into ``REGIONS``).
+    """
     return lambda match: take(match)[np.isin(match.region, regions)]

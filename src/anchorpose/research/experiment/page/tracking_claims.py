@@ -30,8 +30,8 @@ FILTERS: Final = {PROPOSED: ("anchors-filter",), LITERAL: ("paper-kalman", "pape
 
 
 def literal_claims(results: ExperimentResults) -> list[Claim]:
-    """Return the paper's claims about its feature, judged by the results of the method ``LITERAL`` in the form of the
-    framework that rejects no matches.
+    """Return the paper's claims about its feature, judged by the results of the method ``LITERAL`` (the paper's method,
+    exactly as its text describes it) in the form of the paper's framework that rejects no matches.
 
     The list is empty if this method did not run.
     """
@@ -47,7 +47,8 @@ def literal_claims(results: ExperimentResults) -> list[Claim]:
 class TrackingClaims:
     """The claims about the errors of tracked joints, each judged by the results of the experiment.
 
-    proposed: key of the method that stands for the paper's method. form: form of the framework whose results are used.
+    proposed: key of the method that stands for the paper's method. form: form (variant) of the paper's framework whose
+    results are used.
     """
 
     def __init__(self, results: ExperimentResults, proposed: str = PROPOSED, form: Form = Form.REFINED) -> None:
@@ -131,7 +132,7 @@ class TrackingClaims:
         )
 
     def helps_at_all(self) -> Claim:
-        """Judge whether the proposed feature tracks better than the framework without any feature."""
+        """Judge whether the paper's framework tracks better with the proposed feature than without any feature."""
         return Claim(
             "helps-at-all",
             "this project’s own question",
@@ -191,7 +192,9 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Judge the claim of Section IV that the track tree improves tracking in frames with a hole."""
+        """Judge the claim of Section IV that the track tree, which chooses matches with the help of later frames,
+        improves tracking in frames with a hole.
+        """
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
@@ -269,7 +272,9 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families except methods with a filter, which only show the filter's effect."""
+        """Return the methods of these families, except methods with a filter (see ``Update``), since such methods only
+        show the filter's effect.
+        """
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]
 

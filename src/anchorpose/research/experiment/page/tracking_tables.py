@@ -110,7 +110,9 @@ def _paper_tables(results: ExperimentResults, tracking: Tracking) -> list[Table]
 
 
 def _unrejected(results: ExperimentResults) -> Table:
-    """Return the paper's table "result1" for the paper's form of the framework, which rejects no matches."""
+    """Return the paper's table "result1" for the form (variant) of the framework that the paper describes, which
+    rejects no matches.
+    """
     tracking = Tracking(results, Form.REFINED_ALL)
     methods = tracking.ran(Scene.PAPER, compared(results.methods))
     kept = tracking.shared(Scene.PAPER, methods)
@@ -142,7 +144,7 @@ def _other_holes(results: ExperimentResults, tracking: Tracking, scene: Scene) -
 
 
 def hole_column(hole_m: float, unit: Unit = Unit.MM) -> Column:
-    """Return the column of a table for a size of hole."""
+    """Return the column of a table for recordings with one size of hole in their depth images."""
     return Column(f"{hole_m:g}", f"{hole_m:.2f} m" if hole_m else "none", unit)
 
 
@@ -182,7 +184,7 @@ def errors_of_all_sizes(tracking: Tracking, method: str, kept: Kept | None = Non
 
     The frames of one size of hole follow the frames of the next smaller size.
 
-    Every size has the same number of frames.
+    Every size of hole has the same number of frames.
     """
     parts: dict[str, list[np.ndarray]] = {}
     for hole in tracking.holes(Scene.PAPER):
@@ -207,7 +209,7 @@ def ratio_to_none(
 ) -> Estimate:
     """Return a method's mean error with a hole divided by its error without a hole, in the same frames.
 
-    occluded: only frames with a hole.
+    occluded: use only frames whose depth images have a hole.
     """
     pairs = tracking.pairs(Scene.PAPER, (method, hole_m), (method, 0.0), occluded, kept).values()
     return ratio_of([with_hole for with_hole, _ in pairs], [without for _, without in pairs], resamples)

@@ -66,8 +66,8 @@ def write_pictures(
 
     pictures.json is a list of {"file", "caption", "section"} in the order of the page. prepared: a simulated recording.
     whole, holed: this recording without and with holes. hole_frame: position of a frame with a hole whose previous
-    frame has none. Raises ValueError if the patient was not found in this previous frame, and MissingPackage without
-    matplotlib.
+    frame has none. Raises ValueError if the patient was not found in the frame before ``hole_frame``, and
+    MissingPackage without matplotlib.
     """
     with default_style():
         sources, centre_m = _prepare_sources(prepared, whole, holed, hole_frame), prepared.reference.centre_m
@@ -251,9 +251,11 @@ PAPER_SIZE: Final = "azure-kinect"  # camera in whose image a person has as many
 
 
 def _paper_size_times(plan: Plan, clip: Clip) -> PaperTimes | None:
-    """Return the times of the paper's steps on an image in which a person has as many pixels as the paper's mesh nodes.
+    """Return the times of the paper's steps on an image in which a person has as many pixels as the paper's mesh has
+    nodes.
 
-    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). Return None if it cannot be made.
+    The image is from a simulated camera with a finer resolution (``PAPER_SIZE``). Return None for a clip that is not
+    simulated, for a run that tunes no settings, and if the patient is not found.
     """
     if clip.simulation is None or not plan.config.tuned:
         return None

@@ -164,7 +164,8 @@ def lights_of(holed: HoledFrame, hidden: np.ndarray) -> dict[str, Light]:
 
 
 def region_pictures(view: View, holed: HoledFrame) -> list[Picture]:
-    """Return three pictures of distorted distances: from the most affected anchor, from all anchors, by hole size.
+    """Return three pictures of distorted distances: from the anchor that the hole affects most, from all anchors
+    together, and from the most affected anchor for each size of hole in the paper.
 
     The list is empty if the hole hides no node or every node, or if every anchor is missed or hidden.
     """

@@ -47,7 +47,7 @@ class TrackedFrame:
     joints_m: dict[str, np.ndarray]  # (21, 3), world, by kind: truth, predicted, tracked
 
     def error_m(self, kind: str) -> float:
-        """Return the mean distance in metres of the joints of this kind from the true joints."""
+        """Return the mean distance in metres of the joints of a kind (predicted or tracked) from the true joints."""
         return float(np.linalg.norm(self.joints_m[kind] - self.joints_m["truth"], axis=1).mean())
 
 
