@@ -1,7 +1,7 @@
 """Provide the recordings of an experiment, and cut holes into their depth images.
 
 Recordings are simulated, or the user's own recordings with another tracker's skeleton as reference. Holes are the
-paper's transient occlusions: depth readings around the body's centre are removed in random frames (Section V).
+paper's transient occlusions: depth readings around the body's centre are removed in random frames (Section VI).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Run methods in the paper's tracking framework, from a given pose.
 
-The methods differ in how they match the nodes of the patient's mesh in two frames (Section V of the paper). A few
+The methods differ in how they match the nodes of the patient's mesh in two frames (Section VI of the paper). A few
 methods also differ in other options, which ``Way`` lists, or in settings of the tracker.
 """
 

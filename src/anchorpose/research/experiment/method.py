@@ -94,7 +94,7 @@ def by_descriptor(describe: Callable[[Observation, Any], np.ndarray]) -> Callabl
     """Return a function for ``Method.associate``, by which each node matches the node of the next frame with the
     nearest descriptor.
 
-    Source: the paper, Section V-A.
+    Source: the paper, Section VI-A.
     describe: function that returns the descriptors (n, d) of a frame's seen nodes; NaN for a node without a descriptor.
     """
 

@@ -1,4 +1,4 @@
-"""Track the patient in the paper's framework, which computes the pose from matches of surface nodes (Section IV)."""
+"""Track the patient in the paper's framework, which computes the pose from matches of surface nodes (Section V)."""
 
 from __future__ import annotations
 

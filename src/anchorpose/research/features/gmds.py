@@ -1,4 +1,4 @@
-"""Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section III-A).
+"""Match two surfaces by generalised multi-dimensional scaling, GMDS (paper, Section IV-A).
 
 Samples are nodes of the source surface that lie far apart; candidates are nodes of the target surface that lie far
 apart. Samples are mapped so that the distances between them change as little as possible. First, branch and bound maps

@@ -17,7 +17,7 @@ from anchorpose.research.features.shot import ShotConfig, shot
 from anchorpose.tracker.observation import Observation
 
 SHOT: Final = ShotConfig(radius_m=0.20, z_by_normal=True)  # the settings that were chosen for the method SHOT
-SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VI (future work)"
+SOURCE: Final = "docs/descriptor.md; Li and Burdick, Section VII (future work)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

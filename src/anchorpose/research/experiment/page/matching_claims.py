@@ -87,7 +87,7 @@ class MatchingClaims:
         )
 
     def best_in_head(self) -> Claim:
-        """Judge the claim of Section V-A that shape features (local and spectral) match best at the head."""
+        """Judge the claim of Section VI-A that shape features (local and spectral) match best at the head."""
         checks = []
         for method in self._of(*RIVALS):
             parts = [(name, self._region_ratio(method, name)) for name in NAMES if name != "head"]
@@ -99,7 +99,7 @@ class MatchingClaims:
             )
         return Claim(
             "best-in-head",
-            "Section V-A, Figs. “appearance” and “mesh”",
+            "Section VI-A, Figs. “appearance” and “mesh”",
             "Shape features match best at the head, whose curvature is stable.",
             "The mean error in the head over that in the next best region is at most 1.",
             tuple(checks),
@@ -114,7 +114,7 @@ class MatchingClaims:
         return ratio_of(above, below, self._resamples)
 
     def swapped(self) -> Claim:
-        """Judge the claim of Section V-A that shape features often confuse left and right hands and feet."""
+        """Judge the claim of Section VI-A that shape features often confuse left and right hands and feet."""
         checks = []
         for method in self._of(*RIVALS):
             for name in SYMMETRIC:
@@ -124,18 +124,18 @@ class MatchingClaims:
                 checks.append(Check(what, value, Unit.SHARE, at_least(value, OFTEN)))
         return Claim(
             "swapped",
-            "Section V-A",
+            "Section VI-A",
             "Hands and feet are distinctive too, but left and right are often confused.",
             f"At least {100 * OFTEN:.0f} % of their matches are on the other hand or foot.",
             tuple(checks),
         )
 
     def inaccurate_elsewhere(self) -> Claim:
-        """Judge the claim of Section V-A that shape features are inaccurate outside of head, hands and feet."""
+        """Judge the claim of Section VI-A that shape features are inaccurate outside of head, hands and feet."""
         elsewhere = [index for index, name in enumerate(NAMES) if name not in ("head", *SYMMETRIC)]
         return Claim(
             "inaccurate-elsewhere",
-            "Section V-A",
+            "Section VI-A",
             "On the rest of the body these features are inaccurate: it deforms, and its curvature is similar.",
             f"Median error outside head, hands and feet at least {INACCURATE_MM:.0f} mm.",
             tuple(self._inaccuracy(self._of(*RIVALS), elsewhere)),
@@ -163,12 +163,12 @@ class MatchingClaims:
         return checks
 
     def like_gmds(self) -> Claim:
-        """Judge the claim of Section III-A that distances to a few anchors approximate GMDS (matching by all
+        """Judge the claim of Section IV-A that distances to a few anchors approximate GMDS (matching by all
         distances).
         """
         return Claim(
             "like-gmds",
-            "Section III-A",
+            "Section IV-A",
             "Distances to a few anchors can replace all distances: the feature approximates GMDS.",
             f"Mean error of the matches, and of the joints, at most {CONSTANT} times GMDS’s.",
             tuple(self._against(PROPOSED, "gmds", "anchor geodesics over GMDS")),
@@ -244,7 +244,7 @@ def _ratio_check(what: str, value: Estimate) -> Check:
 
 
 def paper_times(results: ExperimentResults) -> Claim:
-    """Judge the paper's claim about its times for the mesh and the feature (Section V-B)."""
+    """Judge the paper's claim about its times for the mesh and the feature (Section VI-B)."""
     checks, times = [], results.times
     if times is not None:
         enough = times.nodes >= COMPARABLE * PAPER_NODES
@@ -258,7 +258,7 @@ def paper_times(results: ExperimentResults) -> Claim:
             checks.append(Check(f"{what}, {times.nodes} nodes (paper: {bound} s)", value, Unit.SECONDS, answer))
     return Claim(
         "times",
-        "Section V-B",
+        "Section VI-B",
         "One core builds a mesh of 15,549 nodes in 0.72 s, and the feature of five anchors in 0.23 s.",
         f"No longer than the paper’s, on a mesh of at least {COMPARABLE:g} times as many nodes; another processor.",
         tuple(checks),

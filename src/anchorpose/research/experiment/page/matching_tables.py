@@ -172,7 +172,7 @@ PAPER_MESH_S: Final = 0.72
 PAPER_FEATURE_S: Final = 0.23
 PAPER_NODES: Final = 15549
 PAPER_EDGES: Final = 36185
-"""The size of the paper's mesh and the paper's times (s), from Section V-B. The times are for one core of an Intel
+"""The size of the paper's mesh and the paper's times (s), from Section VI-B. The times are for one core of an Intel
 i7-6700.
 """
 

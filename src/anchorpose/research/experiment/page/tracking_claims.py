@@ -118,14 +118,14 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Judge the claim of Fig. result1 and Section V-B that the proposed feature is more accurate than ``families``.
+        """Judge the claim of Fig. result1 and Section VI-B that the proposed feature is more accurate than ``families``.
 
         name: name of these families in texts.
         """
         others = self._of(*families)
         return Claim(
             f"proposed-below-{name}",
-            "Fig. “result1”, Section V-B",
+            "Fig. “result1”, Section VI-B",
             f"At every size of hole the proposed feature with the tree is more accurate than every {name} feature.",
             "The proposed method’s error minus the other’s, in the same frames, is below 0.",
             tuple(self._below(self._proposed, others)),
@@ -153,7 +153,7 @@ class TrackingClaims:
         )
 
     def next_below_all(self) -> Claim:
-        """Judge the claim about future work (Section VI) that anchors with a local descriptor are the most accurate."""
+        """Judge the claim about future work (Section VII) that anchors with a local descriptor are the most accurate."""
         checks = []
         for form in self._results.config.forms:
             tracking = Tracking(self._results, form)
@@ -161,7 +161,7 @@ class TrackingClaims:
             checks += self._below(NEXT, others, tracking=tracking, after=f", {FORM_NAMES[form]}")
         return Claim(
             "next-below-all",
-            "Section VI (future work)",
+            "Section VII (future work)",
             "Anchors together with a local descriptor are more accurate than every other method in the framework, at "
             "every size of hole and in every form.",
             "Its error minus the other’s, in the same frames, is below 0.",
@@ -174,7 +174,7 @@ class TrackingClaims:
         """
         return Claim(
             "next-constant",
-            "Section VI (future work)",
+            "Section VII (future work)",
             "Anchors together with a local descriptor have almost the same error whatever the size of the hole.",
             f"Error at the largest hole at most {CONSTANT} times that without, in the same frames.",
             tuple(self._constancy([m for m in self._methods if m.key == NEXT], at_most)),
@@ -192,13 +192,13 @@ class TrackingClaims:
         )
 
     def tree_helps(self) -> Claim:
-        """Judge the claim of Section IV that the track tree, which chooses matches with the help of later frames,
+        """Judge the claim of Section V that the track tree, which chooses matches with the help of later frames,
         improves tracking in frames with a hole.
         """
         others = [method for method in self._methods if method.key == "anchors-no-tree"]
         return Claim(
             "tree-helps",
-            "Section IV and abstract",
+            "Section V and abstract",
             "Hypotheses from subsets of anchors, chosen by a tree over several frames, make tracking better under "
             "occlusion.",
             "In frames with a hole, the error with the tree less that without is below 0.",
@@ -243,7 +243,7 @@ class TrackingClaims:
             checks.append(Check(what, value, Unit.MM, at_most(value, ADEQUATE_MM)))
         return Claim(
             "proposed-adequate",
-            "Fig. “mhtjoints”, Section V-A",
+            "Fig. “mhtjoints”, Section VI-A",
             "Some matches are wrong under occlusion, yet the joints are found well enough.",
             f"Mean joint error at most {ADEQUATE_MM:.0f} mm, a forearm’s width; the paper gives no bound.",
             tuple(checks),
