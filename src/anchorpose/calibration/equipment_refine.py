@@ -163,8 +163,9 @@ def incidence(
 
 
 def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: Gate) -> Rows:
-    """Return least-squares rows across the outline. Each row compares the expected end of a part with the observed end.
-    The observed end is found by counting readings on the part along a line of pixels across the outline.
+    """Return least-squares rows across the outline. Each row belongs to one pixel of the expected outline. It compares
+    the place where the part's edge is expected with the place where the edge is observed, along the outline's normal.
+    The observed edge is found by counting readings on the part along a line of pixels across the outline.
     """
     outline, edges = prediction.outline, observed_edges(view, prediction, gate)
     usable, along = edges.usable, np.sum(outline.across * outline.step, axis=1)

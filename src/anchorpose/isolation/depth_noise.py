@@ -53,7 +53,9 @@ class DepthDetail:
 
     @property
     def limbs_until_m(self) -> float:
-        """Return the distance beyond which edges are wider than a limb, so that no pixel has the depth of the limb."""
+        """Return the distance from the camera, in metres, beyond which depth edges (ramps from an object's depth to the
+        depth behind it) are wider than a forearm, so that no pixel on the forearm has its depth.
+        """
         return LIMB_M * self.focal_px / self.edge_px
 
 

@@ -88,8 +88,8 @@ class ExperimentConfig:
     # number of pairs of frames whose matches are compared with the truth, for each recording, size of the hole in the
     # depth images, and gap (time between the two frames)
     windows: Count = 2
-    # Forms (variants) of the paper's tracking framework that run. The forms that do not fit body parts to the surface
-    # run only without holes and with the largest hole.
+    # Forms (variants) of the paper's tracking framework that run. All of them run without holes and with the largest
+    # hole; with holes of other sizes, only the forms run that fit body parts to the surface (``Form.refined``).
     forms: Annotated[tuple[Form, ...], Field(min_length=1)] = tuple(Form)
     scenes: tuple[Scene, ...] = (Scene.PAPER, Scene.LOOSE, Scene.FRAME, Scene.CLINIC_FRONT, Scene.CLINIC)
     scene_recordings: Count = 3  # number of recordings of each scene other than the paper's

@@ -243,7 +243,9 @@ def _match(task: Task, prepared: PreparedClip, trial: Trial, plan: Plan) -> None
 
 
 def _track(tasks: Sequence[Task], prepared: PreparedClip, trials: Mapping[float, Trial], plan: Plan) -> None:
-    """Run the tracking tasks of one method on a recording; the tasks differ in the size of the hole."""
+    """Run the tracking tasks of one method on a recording. The tasks differ in the radius of the hole that is cut into
+    the depth images (``Task.hole_m``).
+    """
     method, setting, length = tasks[0].method, tasks[0].setting, plan.config.segment_frames
     starts, of_tasks = _segments(prepared, plan), [trials[task.hole_m] for task in tasks]
     if method.family is Family.TRACKER:

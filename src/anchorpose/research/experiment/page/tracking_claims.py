@@ -118,7 +118,7 @@ class TrackingClaims:
         return checks
 
     def proposed_below(self, name: str, families: Sequence[Family]) -> Claim:
-        """Judge the claim of Fig. result1 and Section VI-B that the proposed feature is more accurate than ``families``.
+        """Judge the claim of Fig. result1 (Section VI-B) that the proposed feature is more accurate than ``families``.
 
         name: name of these families in texts.
         """
@@ -153,7 +153,7 @@ class TrackingClaims:
         )
 
     def next_below_all(self) -> Claim:
-        """Judge the claim about future work (Section VII) that anchors with a local descriptor are the most accurate."""
+        """Judge the claim about future work (Section VII): anchors with a local descriptor are the most accurate."""
         checks = []
         for form in self._results.config.forms:
             tracking = Tracking(self._results, form)
