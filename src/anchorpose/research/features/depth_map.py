@@ -27,8 +27,8 @@ def triangle_slopes(local: np.ndarray, triangles: np.ndarray, count: int, half: 
 
     local (m, 3): coordinates of the vertices: x and y in the node's tangent plane, and the height above this plane.
     triangles (>= count, 3): the corners of each triangle, as row numbers of ``local``. half: metres, half the width of
-    the square that the image's 4 x 4 cells cover. A triangle's weight is twice its area as seen in the image, times a Gaussian of its
-    centre's distance from the node; it is 0 for a triangle seen from below or edge on.
+    the square that the image's 4 x 4 cells cover. A triangle's weight is twice its area as seen in the image, times a
+    Gaussian of its centre's distance from the node; it is 0 for a triangle seen from below or edge on.
     """
     narrow = -0.5 / (HALF_SPREAD * half) ** 2
     for t in range(count):
