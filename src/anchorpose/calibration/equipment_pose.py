@@ -105,7 +105,7 @@ class PartEvidence:
 
     @property
     def score_m2(self) -> float:
-        """Return (area seen in place - 2 * area seen through) * (share of seen outline at which the surface ends)."""
+        """Return (area seen in place - 2 * area seen through) * (1 - ``filled_share``), in m2."""
         return float((self.on_m2 - 2.0 * self.through_m2).sum() * max(0.0, 1.0 - self.filled_share))
 
 

@@ -281,7 +281,7 @@ def find_floor(
 ) -> FloorPlane | NoFloor:
     """Return the largest plane that faces up and has almost nothing below it.
 
-    depth_m (height, width) float32, preferably without people; noise_per_m: factor of the noise, see ``noise_per_m``;
+    depth_m (height, width) float32, preferably without people; noise_per_m (1/m): factor a of the noise's sigma a z^2;
     standing_m (n, 3): points, in the camera frame, on people and objects that stand on the floor; up (3,): approximate
     upward direction in the camera frame. The plane is found by RANSAC on a sample, first with the smaller tolerance of
     ``TOLERANCES_M`` and, if no plane is found, with the larger tolerance. Then the plane is fitted by weighted least

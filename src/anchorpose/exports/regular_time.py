@@ -161,8 +161,8 @@ def _round_rate(rate_hz: float) -> float:
 
 
 def _placing(time_s: np.ndarray, rate_hz: float, slot: np.ndarray) -> tuple[np.ndarray, Interpolation]:
-    """Return grid times and the interpolation for samples that lie on the grid. At the indices ``slot``, grid times are
-    equal to the samples' times; all other grid times are gaps.
+    """Return the times of a regular grid, and an ``Interpolation`` that copies each sample to its index ``slot`` in the
+    grid. At these indices, the grid has the samples' own times; all other grid times are gaps.
     """
     count = int(slot[-1]) + 1
     grid_s = time_s[0] + np.arange(count) / rate_hz

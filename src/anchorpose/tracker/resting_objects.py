@@ -34,8 +34,9 @@ SETTLING: Final = 2
 # object that is at rest, and the share of the object's pixels that came to rest only after the first samples
 WHOLE: Final = 0.8
 SHOWN: Final = 33  # minimum percentage of an object's pixels that a used sample shows; people may hide the rest
-# percentile of the share at rest over the sampled frames that show the object at rest (``_whole_share``). With this
-# percentile, an object counts as resting even if people touch it in up to two thirds of the frames
+# percentile, over the sampled frames that show the object at rest, of the share of the object's connected foreground
+# that is at rest (``_whole_share``); with this percentile, an object counts as resting even if people touch it in up to
+# two thirds of the frames
 OFTEN: Final = 67
 RIM_PX: Final = 2  # pixels, width of the rim around an object; within it, the object's edge flickers
 

@@ -22,8 +22,8 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import UP, unit
 from anchorpose.tracker.bystanders import RoughPerson, rough_person
 
-# m; a rough body covers all points that are closer than this to its skin. The maximum distance allows for clothes and
-# for errors of the fitted body
+# m; a rough body covers all points that are closer than this to its skin, which allows for clothes and for errors of
+# the fitted body
 COVERED_M: Final = 0.10
 # m, the depth of a trunk (front to back) plus an error; two bodies whose pelvises are closer than this are one person
 IN_EACH_OTHER_M: Final = 0.25
