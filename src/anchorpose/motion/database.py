@@ -62,7 +62,9 @@ class SubLists(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionDatabase:
-    """The reference movements D, one after another in ``theta``, and the sub-lists of D_s."""
+    """The reference movements (D in the paper), one after another in ``theta``, and the sub-lists (short series of
+    poses) of these movements at several speeds (D_s in the paper).
+    """
 
     theta: np.ndarray  # (n, d) float32, pose vectors of all clips at their recorded rates
     # number of leading columns of a pose vector that are compared to find similar poses; the other columns (the path)

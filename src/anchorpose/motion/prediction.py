@@ -251,9 +251,9 @@ class MotionConfig:
     # number of similar sub-lists that are averaged; with a single sub-list, its noise would reach the prediction, and
     # 64 sub-lists are not better than 32
     neighbours: Count = 32
-    # number of frames before the newest pose at which two test predictions of the newest pose start: by the matches,
-    # and by the patient's velocity. The better its test prediction, the more weight each of the two methods (matches,
-    # velocity) gets
+    # number of frames before the newest pose. From there, the newest pose is predicted twice as a test: by similar
+    # sub-lists of the database, and by the patient's velocity. The method with the better test prediction gets more
+    # weight
     checked: Count = 7
 
     @property

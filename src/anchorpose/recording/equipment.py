@@ -100,7 +100,7 @@ class Mesh:
         return self.vertices_m, self.faces
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (n,) distance to the nearest triangle, exact; never negative."""
+        """Return the exact distance (n,) to the nearest triangle; never negative."""
         return mesh_distance_m(points_m, self.vertices_m, self.faces)
 
 
@@ -124,7 +124,7 @@ class EquipmentModel:
         return np.concatenate(vertices), np.concatenate(faces).astype(np.int32)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return (n,) float64 distance of points (n, 3) in Gamma_0 to the nearest part's surface, exact.
+        """Return the exact distance (n,) float64 of points (n, 3), in the equipment's frame, to the nearest part's surface.
 
         The distance is negative inside a box or a cylinder. For a mesh, which has no inside, it is never negative. The
         distance is NaN where a point is NaN.

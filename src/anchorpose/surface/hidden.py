@@ -71,8 +71,9 @@ AMBIGUOUS_M: Any = np.float32(0.04)
 FAR_ON_BODY_M: Any = np.float32(0.12)
 
 CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slightly more than their spacing
-# cosine of 120 degrees; skin that is turned farther away from the camera's optical axis cannot be seen. This limit
-# exceeds 90 degrees, since the rays at the image's border are not parallel to the optical axis
+# cosine of 120 degrees, the largest angle between a skin point's normal and the direction back along the optical axis,
+# towards the camera; skin with a larger angle cannot be seen. This limit exceeds 90 degrees, since the rays at the
+# image's border are not parallel to the optical axis
 LEAST_FACING: Any = np.float32(-0.5)
 # factor on the width that a pixel covers on the expected skin nearest to the camera; the product is the minimum width
 # that a pixel is assumed to cover at a node. The factor is below 1, since a node may be nearer to the camera than all

@@ -56,8 +56,8 @@ def form_tables(results: ExperimentResults) -> list[Table]:
 
 
 def _columns(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return (form, radius of the hole, column of the table) for each form of the paper's framework, without holes and
-    with the largest holes.
+    """Return up to two entries per form of the paper's framework: without holes in the depth images, and with the
+    largest holes. Each entry has the form, the radius of the holes (m), and the column of the table.
     """
     found = []
     for form in results.config.forms:
