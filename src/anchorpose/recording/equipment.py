@@ -124,10 +124,10 @@ class EquipmentModel:
         return np.concatenate(vertices), np.concatenate(faces).astype(np.int32)
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
-        """Return the exact distance (n,) float64 of points (n, 3), in the equipment's frame, to the nearest part's surface.
+        """Return the exact distance (n,) float64 of points (n, 3) to the surface of the nearest part.
 
-        The distance is negative inside a box or a cylinder. For a mesh, which has no inside, it is never negative. The
-        distance is NaN where a point is NaN.
+        Points are in the equipment's frame. The distance is negative inside a box or a cylinder. For a mesh, which has
+        no inside, it is never negative. The distance is NaN where a point is NaN.
         """
         points = np.asarray(points_m, dtype=np.float64)
         return np.min([part.distance_m(points) for part in self.parts], axis=0)

@@ -281,8 +281,8 @@ class Definition:
     """The definition by which measures were computed. Under another definition, a measure of the same name may be
     another quantity.
 
-    anchorpose: the version of the program. config: the settings of the measures (``MeasureConfig``), as nested dicts of JSON
-    values.
+    anchorpose: the version of the program. config: the settings of the measures (``MeasureConfig``), as nested dicts of
+    JSON values.
     """
 
     anchorpose: str
