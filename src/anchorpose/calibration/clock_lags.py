@@ -35,8 +35,8 @@ SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
-# minimum overlap, as a share of the shorter signal; with less, wrong lags may by chance correlate as well as the
-# correct lag
+# minimum overlap of two signals in time, as a share of the shorter signal; with less overlap, the signals may by chance
+# correlate at a wrong lag as well as at the correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation for a lag to count as certain; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up

@@ -1,8 +1,8 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-First, the amount of movement at each height (``clock_lags``) gives the lags, which may be several seconds. These lags
-have an error of about a twentieth of a second; this step needs no poses. If the poses are known, the surfaces that two
-cameras both see (``clock_surfaces``) then give the lag to a millisecond.
+First, the amount of movement at each height (``clock_lags``) gives the lags between the clocks, which may be several
+seconds. These lags have an error of about a twentieth of a second; this step needs no poses. If the poses are known,
+the surfaces that two cameras both see (``clock_surfaces``) then give the lag between their clocks to a millisecond.
 """
 
 from __future__ import annotations

@@ -117,9 +117,9 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
     """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
-    The median is taken over all points that both cameras should show. A point whose surface is not within
-    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless more than half of the
-    points are on one surface.
+    The median is taken over all points that both cameras should show. The distance of a point counts as infinite if the
+    other camera does not show the point's surface within ``COMPARED_M``, so the result is infinite unless more than
+    half of the points are on one surface.
     """
     moments = range(1, len(first.seen)) if _anybody(first) or _anybody(second) else range(1)
     found = [np.empty(0)]

@@ -227,7 +227,9 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
 
 
 class _Grown(NamedTuple):
-    """A part that was found around a starting point: the indices of the part's points, and its axes as in ``Found``."""
+    """A part that was found around a starting point. members: indices of the part's points; rotation (3, 3): the part's
+    axes as columns; the last column is the direction of a bar, or the normal of a plate.
+    """
 
     members: np.ndarray
     rotation: np.ndarray

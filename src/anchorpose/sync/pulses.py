@@ -102,7 +102,8 @@ def rising_edges(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
     """One reading (interpretation of edges as starts or ends) of the pulses in each file, with the offsets tried for
-    this pair. offsets (c, 2): as in ``_candidates``; matched (c,): how many starts and ends match at each offset.
+    this pair. offsets (c, 2): each row is an offset between the clocks, and the time on the recording's clock at which
+    this offset holds; matched (c,): how many starts and ends match at each offset.
     """
 
     ours: Pulses
