@@ -93,7 +93,8 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
     """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best; the best lag comes first.
 
     The correlation is computed over all bands together, so that bands with little movement have little weight. Lags are
-    tried in steps of half a frame's period; a parabola through three neighbouring values gives the peak.
+    tried in steps of half a frame's period; a parabola through the correlations at three neighbouring lags gives the
+    lag of the peak.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
@@ -179,9 +180,9 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, relative
-    to the pair's rough lag (see ``fine_lags``); at_s: the time of this lag, on the reference clock (the clock of camera
-    0).
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, less
+    the pair's rough lag (the difference between the ``RoughLag`` of the two cameras); at_s: the time of this lag, on
+    the reference clock (the clock of camera 0).
     """
 
     first: int

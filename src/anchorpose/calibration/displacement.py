@@ -30,9 +30,9 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. If ``_support`` returned less, correct poses seemed to
-# displace surfaces by 26 and 32 mm; if it returned more, by at most 9 mm. Without people in view, ``_support`` often
-# returns 0.001.
+# minimum result of ``_support``, which measures how well the data determine a shift, for a displacement to be stated.
+# If ``_support`` returned less, correct poses seemed to displace surfaces by 26 and 32 mm; if it returned more, by at
+# most 9 mm. Without people in view, ``_support`` often returns 0.001.
 LEAST_SUPPORT: Final = 0.02
 # m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
 STEP_M, STEP_RAD = 0.1, 0.2

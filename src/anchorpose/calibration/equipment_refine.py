@@ -320,8 +320,8 @@ def part_shifts(view: StillView, prediction: Prediction, bias_px: float, count: 
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Return the length of one part's shift. Weights decrease with a reading's distance from the part, so that hands on
-    the part have little effect.
+    """Return the length, in metres, of the shift after which one part alone would fit best; NaN if inaccurate. Weights
+    decrease with a reading's distance from the part, so that hands on the part have little effect.
     """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]

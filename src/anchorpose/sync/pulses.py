@@ -182,8 +182,9 @@ def _tried(ours: Pulses, theirs: Pulses, near_s: float | None) -> _Trial:
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return the offsets to try (c, 2). The first column is the offset: an onset on the other clock minus an onset on
-    the recording's clock. The second is this onset on the recording's clock, the time at which the offset holds.
+    """Return the offsets between the two clocks that are tried, (c, 2). The first column is the offset: an onset on the
+    other clock minus an onset on the recording's clock. The second is this onset on the recording's clock, the time at
+    which the offset holds.
     """
     if not len(ours_s):
         return np.empty((0, 2))
