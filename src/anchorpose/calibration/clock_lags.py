@@ -73,8 +73,8 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute one camera's motion signal from consecutive frames (time, depth (height, width) float32, 0 = no reading).
 
-    level: the floor; None if unknown: all heights are then one band. noise: the factor of the sensor's noise law, from
-    ``first_frames.noise_per_m``.
+    level: the floor; None if unknown: all heights are then one band. noise: factor a (1/m) of the sensor's noise,
+    which has sigma a z^2 at depth z (``first_frames.noise_per_m``).
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
     small = [(time_s, depth[step, step]) for time_s, depth in frames]

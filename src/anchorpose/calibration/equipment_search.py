@@ -43,7 +43,8 @@ class SearchImage(NamedTuple):
     """The image in which the equipment is searched: depth_m (height, width) float32 of still surfaces, 0 = no reading;
     weight (height, width) float32 of each reading as evidence; lens: parameters of the lens, as ``lens_array`` returns
     them; T_camera_ground (4, 4): pose, in the camera frame, of the ground frame, which has Y up, Z level in the
-    camera's viewing direction, and the origin on the floor below the camera; noise_per_m: factor of the sensor's noise.
+    camera's viewing direction, and the origin on the floor below the camera; noise_per_m: factor a (1/m) of the
+    sensor's noise, which has sigma a z^2 at depth z.
     """
 
     depth_m: np.ndarray
