@@ -161,9 +161,9 @@ NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
 # yellow (first limit) or red (second limit); real lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # maximum relative difference of the focal lengths fx and fy; pixels are nearly square
-# m, bend of the floor (largest difference between its median heights at different distances from the optical axis) above
-# which the finding is yellow (first limit) or red (second limit); real floors are flat to 2 cm, and a bend of 8 cm moves
-# feet by 8 cm
+# m, bend of the floor (largest difference between its median heights at different distances from the optical axis)
+# above which the finding is yellow (first limit) or red (second limit); real floors are flat to 2 cm, and a bend of
+# 8 cm moves feet by 8 cm
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08
 ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the floor plane; higher readings are objects
 RINGS: Final = 6  # number of rings about the optical axis into which readings of the floor are divided
