@@ -141,8 +141,8 @@ def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return (height, width) int: the index of each pixel's connected object, -1 outside the mask; and the number of
-    objects.
+    """Return (height, width) int: the index of each pixel's object, -1 outside the mask; and the number of objects.
+    Neighbouring pixels belong to one object if their depths differ by less than ``limit``.
     """
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
