@@ -305,8 +305,8 @@ def _fit(
     span_s: tuple[float, float],
 ) -> ClockFit | None:
     """Fit the clocks to the lags that were measured in the first windows (short parts of the recording); then measure
-    lags in further windows, until the lags agree with the fitted clocks and all clocks' sigmas are below ``ENOUGH_S``, or
-    no window is left. Return None without lags.
+    lags in further windows, until the lags agree with the fitted clocks and all clocks' sigmas are below ``ENOUGH_S``,
+    or no window is left. Return None without lags.
     """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:
