@@ -70,7 +70,9 @@ class SessionRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasureRow:
-    """The row of one measure of one session in the table; see ``Measure``."""
+    """The row of one measure of one session in the table of measures. subject: the patient's name in the user's table;
+    the fields from ``measure`` on are copied from the ``Measure``.
+    """
 
     session: str
     subject: str

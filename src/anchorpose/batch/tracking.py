@@ -49,7 +49,9 @@ def run_batch(sessions: Sequence[Session], out: Path, place: Place, progress: Pr
 
 
 def run_one(sessions: Sequence[Session], out: Path, index: int) -> SessionRow:
-    """Track only session number ``index``, counted from 0, as a job of a job array does; return its row."""
+    """Track only session number ``index``, counted from 0; return its row. Each job of a scheduler's job array, such as
+    SLURM's, can track one session in this way.
+    """
     if not 0 <= index < len(sessions):
         raise AnchorposeError(f"--index is {index}; there are {len(sessions)} sessions, numbered from 0.")
     session = _opened(out, sessions)[index]

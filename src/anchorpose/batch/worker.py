@@ -99,8 +99,8 @@ def _child(output: Any, group: str) -> Iterator[subprocess.Popen[bytes] | None]:
 
 
 def stop_children(group: str) -> None:
-    """Stop the children of a group on this worker and wait for them. No further child of the group is started on this
-    worker.
+    """Stop the child processes that run jobs of a group on this worker, and wait for them at most ``STOP_S`` seconds.
+    No further child of the group is started on this worker.
     """
     _stopped.add(group)
     children = tuple(_running.get(group, ()))

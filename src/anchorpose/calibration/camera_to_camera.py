@@ -209,8 +209,8 @@ def _is_accurate(fit: SurfaceFit, rough_clocks: bool) -> bool:
 
 
 def search_ground(first: LevelView, second: LevelView) -> list[np.ndarray]:
-    """Return the ``PLACES`` best distinct placements, best first. Each is T_first_second (4, 4) between the level
-    coordinate frames (Y up, origin on the floor) of the two views.
+    """Return the ``PLACES`` best distinct placements of the second camera relative to the first, best first. Each is
+    T_first_second (4, 4) between the level coordinate frames (Y up, origin on the floor) of the two views.
 
     If the floor is known, the pose between two cameras is a rotation about the vertical and a shift over the floor. For
     every rotation, the two cameras' maps of the ground are correlated at all shifts at once. Each camera has one map of

@@ -35,8 +35,8 @@ SIGNAL_STEP_PX: Final = 4
 NOISE_GATE: Final = 4.0
 SMOOTH_S: Final = 0.1  # s, sigma of the Gaussian that smooths a signal; limbs start and stop in 0.2 s
 LEAST_OVERLAP_S: Final = 1.5  # s, minimum overlap of two signals: about the duration of one movement
-# minimum overlap, as a share of the shorter signal; with less, wrong lags may by chance correlate as well as the
-# correct lag
+# minimum overlap of two signals in time, as a share of the shorter signal; with less overlap, the signals may by chance
+# correlate at a wrong lag as well as at the correct lag
 LEAST_OVERLAP: Final = 0.6
 PEAKS_APART_S: Final = 0.4  # s, minimum distance between two peaks of the correlation; nearer peaks count as one
 # minimum correlation for a lag to count as certain; on simulated clinics, correct lags had 0.41 to 0.84, wrong lags up
@@ -73,8 +73,8 @@ def motion_signal(
 ) -> MotionSignal:
     """Compute one camera's motion signal from consecutive frames (time, depth (height, width) float32, 0 = no reading).
 
-    level: the floor; None if unknown: all heights are then one band. noise: the factor of the sensor's noise law, from
-    ``first_frames.noise_per_m``.
+    level: the floor; None if unknown: all heights are then one band. noise: factor a (1/m) of the sensor's noise,
+    which has sigma a z^2 at depth z (``first_frames.noise_per_m``).
     """
     step = slice(SIGNAL_STEP_PX // 2, None, SIGNAL_STEP_PX)
     small = [(time_s, depth[step, step]) for time_s, depth in frames]
@@ -93,7 +93,8 @@ def signal_lags(first: MotionSignal, second: MotionSignal, around_s: float, reac
     """Return the lags within ``reach_s`` of ``around_s`` at which both signals agree best; the best lag comes first.
 
     The correlation is computed over all bands together, so that bands with little movement have little weight. Lags are
-    tried in steps of half a frame's period; a parabola through three neighbouring values gives the peak.
+    tried in steps of half a frame's period; a parabola through the correlations at three neighbouring lags gives the
+    lag of the peak.
     """
     if min(len(first.time_s), len(second.time_s)) < 3:
         return ()
@@ -179,9 +180,9 @@ LEAST_CHANGE_M, MOST_CHANGE_M = 0.02, 0.15
 
 @dataclass(frozen=True, slots=True)
 class PairLag:
-    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, relative
-    to the pair's rough lag (see ``fine_lags``); at_s: the time of this lag, on the reference clock (the clock of camera
-    0).
+    """The lag of a pair of cameras. lag_s: the clock of camera ``second`` minus the clock of camera ``first``, less
+    the pair's rough lag (the difference between the ``RoughLag`` of the two cameras); at_s: the time of this lag, on
+    the reference clock (the clock of camera 0).
     """
 
     first: int

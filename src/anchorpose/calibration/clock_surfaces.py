@@ -186,8 +186,8 @@ def _moving(depth_m: np.ndarray, low_m: np.ndarray, high_m: np.ndarray, noise_m:
 
 
 def _points(depth_m: np.ndarray, moving: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and unit normals (m, 3), camera frame, at ``moving`` pixels of a grid; a pixel is used if it lies,
-    with its neighbours, on one surface that faces the camera.
+    """Return points and unit normals (m, 3), camera frame, at the pixels of a grid that ``moving`` (height, width)
+    marks; a pixel is used if it lies, with its neighbours, on one surface that faces the camera.
     """
     inner = (slice(NORMAL_PX, size - NORMAL_PX, STEP_PX) for size in (camera.height, camera.width))
     rows, columns = (grid.ravel() for grid in np.mgrid[*inner])

@@ -1,8 +1,8 @@
 """Find the clocks of all cameras from the movement in front of them.
 
-First, the amount of movement at each height (``clock_lags``) gives the lags, which may be several seconds. These lags
-have an error of about a twentieth of a second; this step needs no poses. If the poses are known, the surfaces that two
-cameras both see (``clock_surfaces``) then give the lag to a millisecond.
+First, the amount of movement at each height (``clock_lags``) gives the lags between the clocks, which may be several
+seconds. These lags have an error of about a twentieth of a second; this step needs no poses. If the poses are known,
+the surfaces that two cameras both see (``clock_surfaces``) then give the lag between their clocks to a millisecond.
 """
 
 from __future__ import annotations
@@ -305,7 +305,8 @@ def _fit(
     span_s: tuple[float, float],
 ) -> ClockFit | None:
     """Fit the clocks to the lags that were measured in the first windows (short parts of the recording); then measure
-    lags in further windows until the clocks are accurate. Return None without lags.
+    lags in further windows, until the lags agree with the fitted clocks and all clocks' sigmas are below ``ENOUGH_S``,
+    or no window is left. Return None without lags.
     """
     fit = fit_clocks(lags, len(rough)) if lags else None
     for at_s in left_s:

@@ -183,8 +183,8 @@ def huber_weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def fit_people(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> SurfaceFit | None:
-    """Fit the rotation about the vertical and the shift over the floor, starting from a pose whose tilt and height are
-    correct.
+    """Fit the second camera's rotation about the vertical and its shift over the floor, relative to the first camera,
+    starting from a pose T_first_second (4, 4) whose tilt and height are correct.
 
     Frames at the same index in both views show the same moment. Return None if both cameras see too little in common.
     Walls are left out: their depth stays the same if a camera is shifted along them, and they would keep the fit at the

@@ -30,9 +30,9 @@ from anchorpose.camera import Camera, invert_rigid, transform_points
 DISPLACEMENT_GATES_M: Final = (*[0.4] * 4, *[0.3] * 3, *[0.2] * 3, *[0.15] * 2, *[0.1] * 3)
 ROOM_PX, PEOPLE_PX = 6, 3  # pixels, grid steps: every sixth pixel for the room, every third pixel for people
 LEAST_SURFACE_PAIRS: Final = 500
-# minimum result of ``_support`` for a displacement to be stated. If ``_support`` returned less, correct poses seemed to
-# displace surfaces by 26 and 32 mm; if it returned more, by at most 9 mm. Without people in view, ``_support`` often
-# returns 0.001.
+# minimum result of ``_support``, which measures how well the data determine a shift, for a displacement to be stated.
+# If ``_support`` returned less, correct poses seemed to displace surfaces by 26 and 32 mm; if it returned more, by at
+# most 9 mm. Without people in view, ``_support`` often returns 0.001.
 LEAST_SUPPORT: Final = 0.02
 # m, rad: prior sigmas of an iteration's change of pose; they damp changes that the data do not determine
 STEP_M, STEP_RAD = 0.1, 0.2
@@ -117,9 +117,9 @@ def find_displacement(first: LevelView, second: LevelView) -> Displacement | Non
 def _misfit_m(first: LevelView, second: LevelView, T_first_second: np.ndarray) -> float:
     """Return the median distance between the two cameras' surfaces of people or, without people in view, of the room.
 
-    The median is taken over all points that both cameras should show. A point whose surface is not within
-    ``COMPARED_M`` in the other camera is infinitely far away, so the result is infinite unless more than half of the
-    points are on one surface.
+    The median is taken over all points that both cameras should show. The distance of a point counts as infinite if the
+    other camera does not show the point's surface within ``COMPARED_M``, so the result is infinite unless more than
+    half of the points are on one surface.
     """
     moments = range(1, len(first.seen)) if _anybody(first) or _anybody(second) else range(1)
     found = [np.empty(0)]

@@ -257,7 +257,8 @@ class NoEquipmentPose:
 def find_equipment(
     view: StillView, equipment: Equipment, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Search, refine and check the pose; for symmetric equipment, the result may be any of the equivalent poses.
+    """Search for the equipment's pose, refine and check it; for symmetric equipment, the result may be any of the
+    equivalent poses.
 
     The floor determines the vertical and the height: the model's lowest point or the plane Y = 0 of its frame is
     assumed to lie on the floor.
@@ -280,7 +281,9 @@ def find_equipment(
 def refit(
     view: StillView, equipment: Equipment, start: np.ndarray, prior: FloorPrior, config: EquipmentPoseConfig
 ) -> EquipmentPose | NoEquipmentPose:
-    """Refine and check the pose again; ``start`` is a pose (T_camera_model) that is correct within a bar's width."""
+    """Refine and check the equipment's pose again; ``start`` is a pose (T_camera_model) that is correct within a bar's
+    width.
+    """
     pose = _refined(view, equipment, start, prior, config)
     if pose is None:
         return NoEquipmentPose(NoPose.LITTLE_SEEN)

@@ -98,9 +98,9 @@ def predict(camera: Camera, equipment: Equipment, T_camera_model: np.ndarray) ->
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """Rows of the least-squares system, one row per residual. jacobian (n, 7): derivative by turn, shift and edge bias
-    (see ``refine``); residual (n,) in sigmas; part (n,): index of the equipment's part, -1 for none; together: number
-    of rows that count as one observation; reach: limit (in sigmas) beyond which residuals have no weight, inf for no
-    limit.
+    (by how many pixels bars look too thick on each side); residual (n,) in sigmas; part (n,): index of the equipment's
+    part, -1 for none; together: number of rows that count as one observation; reach: limit (in sigmas) beyond which
+    residuals have no weight, inf for no limit.
     """
 
     jacobian: np.ndarray
@@ -186,8 +186,9 @@ def outline_rows(view: StillView, prediction: Prediction, bias_px: float, gate: 
 def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> ObservedEdges:
     """Find in the frames where the part ends at each outline pixel.
 
-    A frame in which a nearer object hides a pixel of the line across the outline is not evidence for that pixel. Pixels
-    of the outline beyond the camera's range are not usable.
+    At each pixel of the outline, the pixels on a line across the outline are examined. A frame in which a nearer object
+    hides a pixel on this line is not evidence for the hidden pixel. Pixels of the outline beyond the camera's range are
+    not usable.
     """
     outline, reach_px = prediction.outline, gate.reach_px
     steps = np.arange(-reach_px + 1, reach_px + 1)
@@ -203,7 +204,8 @@ def observed_edges(view: StillView, prediction: Prediction, gate: Gate) -> Obser
     free = (~hidden).sum(axis=0)
     share = on.sum(axis=0) / np.maximum(free, 1)
     same = np.abs(_depth_at(prediction.rendering, row, column) - depth) < margin
-    # pixels of the line from the outline inward, up to the first pixel at which the model has another depth
+    # pixels from the outline inward, on the line across the outline, before the first pixel at which the equipment's
+    # predicted depth differs from its depth at the outline
     first = np.cumprod(same[:, :reach_px][:, ::-1], axis=1)[:, ::-1].astype(bool)
     counted = np.concatenate([first, np.ones((len(row), reach_px), bool)], axis=1)
     inner = first.sum(axis=1)
@@ -310,7 +312,7 @@ def part_shifts(view: StillView, prediction: Prediction, bias_px: float, count: 
     inaccurate. Only directions in which sigma is at most ``MOST_SHIFT_SIGMA_M`` count, since a shift of a bar along
     itself is invisible.
 
-    bias_px: see ``Refined.edge_bias_px``; count: number of parts.
+    bias_px: distance, in pixels, by which bars look too thick on each side; count: number of parts.
     """
     surface = surface_rows(view, prediction, COARSE.tolerance_m)
     rows = [surface, outline_rows(view, prediction, bias_px, COARSE)]
@@ -318,8 +320,8 @@ def part_shifts(view: StillView, prediction: Prediction, bias_px: float, count: 
 
 
 def _shift_alone(groups: list[Rows], part: int) -> float:
-    """Return the length of one part's shift. Weights decrease with a reading's distance from the part, so that hands on
-    the part have little effect.
+    """Return the length, in metres, of the shift after which one part alone would fit best; NaN if inaccurate. Weights
+    decrease with a reading's distance from the part, so that hands on the part have little effect.
     """
     shift = np.zeros(3)
     rows = [(group.jacobian[group.part == part, 3:6], group.residual[group.part == part], group) for group in groups]
@@ -355,7 +357,9 @@ def _floor_rows(
 
 
 def _solve(rows: list[Rows]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step (7,) of weighted least squares (turn, shift and edge bias), and its covariance (7, 7)."""
+    """Return the step (7,) of weighted least squares, and its covariance (7, 7). The step has a turn, a shift and a
+    change of the edge bias (by how many pixels bars look too thick on each side).
+    """
     information, pull = np.diag([1e-6] * 6 + [1.0]), np.zeros(7)  # prior of the edge bias: 0 with a sigma of one pixel
     for group in rows:
         ratio = np.minimum(np.abs(group.residual) / group.reach, 1.0)

@@ -41,8 +41,10 @@ BROAD_WEIGHT: Final = 0.25
 
 class SearchImage(NamedTuple):
     """The image in which the equipment is searched: depth_m (height, width) float32 of still surfaces, 0 = no reading;
-    weight (height, width) float32 of each reading as evidence; lens: the values of ``lens_array``; T_camera_ground (4,
-    4): see ``ground_frame``; noise_per_m: factor of the sensor's noise.
+    weight (height, width) float32 of each reading as evidence; lens: parameters of the lens, as ``lens_array`` returns
+    them; T_camera_ground (4, 4): pose, in the camera frame, of the ground frame, which has Y up, Z level in the
+    camera's viewing direction, and the origin on the floor below the camera; noise_per_m: factor a (1/m) of the
+    sensor's noise, which has sigma a z^2 at depth z.
     """
 
     depth_m: np.ndarray
@@ -253,7 +255,7 @@ def weigh_broad(depth_m: np.ndarray, focal: float, noise_per_m: float) -> np.nda
     for down, right in ((0, 1), (1, 0)):
         one, other = depth_m[row - down * k, column - right * k], depth_m[row + down * k, column + right * k]
         with np.errstate(divide="ignore", invalid="ignore"):
-            # in the image of a plane, 1/z changes linearly with the pixel, while z does not
+            # in the image of a plane, 1/z (z: depth) is a linear function of row and column, while z is not
             between = (one * other / (one + other)).astype(np.float64) * 2.0 - z
         flat &= (one > 0.0) & (other > 0.0) & (np.abs(between) < margin_m + noise * z * z)
     weight = np.ones((height, width), np.float32)

@@ -160,18 +160,18 @@ NOISE_GATE: Final = 3.0  # sigmas of the sensor's noise that are added to each t
 # hardly roll
 WORST_TILT_RAD: Final = 0.87
 IMAGE_UP: Final = np.array([0.0, -1.0, 0.0])  # upward direction of a camera whose pose is unknown
-# people stand on a plane if at least the share LEAST_STANDING of the moving points lies within STANDS_M (metres) of the
-# plane: these points are shoes and part of the shins
+# people stand on a plane if at least the share LEAST_STANDING of the points in front of the room (mainly people) lies
+# within STANDS_M (metres) of the plane: these points are shoes and part of the shins
 STANDS_M, LEAST_STANDING = 0.2, 0.02
 LEAST_HEIGHT_M: Final = 0.3  # m, minimum height of the camera above its floor; nearer planes are tables
 # maximum ratio of the number of points below the floor to the number of points on it; mirrors and flying pixels cause a
 # few points below the floor
 MOST_BELOW: Final = 0.1
-# maximum share of the moving points that may be below the floor; if a table top is taken for the floor, a third of the
-# points (a person's legs) is below it
+# maximum share of the points in front of the room (mainly people) that may be below the floor; if a table top is taken
+# for the floor, a third of these points (a person's legs) is below it
 MOST_SUNK: Final = 0.05
-# m; a moving point counts as below a plane if it is lower by more than this: the height of a shoe plus the error of a
-# tilted plane
+# m; a point in front of the room counts as below a plane if it is lower by more than this: the height of a shoe plus
+# the error of a tilted plane
 SUNK_M: Final = 0.10
 # minimum share of all readings that must lie on the floor; the direction of a smaller patch is uncertain
 LEAST_SHARE: Final = 0.02

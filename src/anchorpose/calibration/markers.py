@@ -63,8 +63,10 @@ class SeenMarkers:
 def detect_markers(
     image: np.ndarray, camera: Camera, layout: MarkerLayout, depth_m: np.ndarray | None
 ) -> SeenMarkers | NoMarkers:
-    """Detect the layout's markers in an image, or return why no marker is usable; arguments as in
-    ``pose_from_markers``.
+    """Detect the layout's markers in an image, or return why no marker is usable.
+
+    image (height, width) or (height, width, 3), 8 or 16 bit, with the same intrinsics as the depth images; depth_m
+    (height, width), 0 = no reading; None without a depth image.
     """
     grey = _grey(image)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, layout.dictionary))
@@ -270,7 +272,9 @@ def pose_from_markers(
 
 
 def _candidates(seen: SeenMarkers, camera: Camera) -> list[tuple[float, np.ndarray]]:
-    """Return (chi2, T_camera_world) of the refined solutions, best first: up to two if all corners lie in one plane."""
+    """Return (chi2, T_camera_world) of the refined poses, best first: up to two poses if all corners lie in one plane.
+    chi2: sum of squared residuals in sigmas, in which outliers count less.
+    """
     matrix, distortion = camera.intrinsics.matrix, np.array(camera.intrinsics.distortion)
     spread = np.linalg.svd(seen.world_m - seen.world_m.mean(axis=0), compute_uv=False)
     flat = spread[2] < 1e-3 * spread[0]

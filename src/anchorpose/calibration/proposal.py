@@ -247,8 +247,8 @@ def _fit_together(fits: Sequence[Fit], readings: Readings, rounds: int) -> list[
 
 
 def _settled(fit: Fit, readings: Readings, own: np.ndarray, tubes: bool) -> Fit:
-    """Refit the part. If the part's axes lie along the common directions (see ``_snapped``), they stay there unless
-    free axes fit clearly better; a part with other axes is refitted with free axes.
+    """Refit the part. If the part's axes lie along the common directions (the vertical, and the level directions of
+    most bars), they stay there unless free axes fit clearly better; a part with other axes is refitted with free axes.
     """
     straight = refine(fit, readings, own, tubes=tubes)
     if _is_snapped(fit) and straight.residual_m < WELL_M:

@@ -141,8 +141,8 @@ def _support(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _objects(room_m: np.ndarray, mask: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return (height, width) int: the index of each pixel's connected object, -1 outside the mask; and the number of
-    objects.
+    """Return (height, width) int: the index of each pixel's object, -1 outside the mask; and the number of objects.
+    Neighbouring pixels belong to one object if their depths differ by less than ``limit``.
     """
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(mask.sum())
@@ -227,7 +227,9 @@ def _inside(points_m: np.ndarray, part: Found, margin_m: float, margin_last_m: f
 
 
 class _Grown(NamedTuple):
-    """A part that was found around a starting point: the indices of the part's points, and its axes as in ``Found``."""
+    """A part that was found around a starting point. members: indices of the part's points; rotation (3, 3): the part's
+    axes as columns; the last column is the direction of a bar, or the normal of a plate.
+    """
 
     members: np.ndarray
     rotation: np.ndarray

@@ -1,4 +1,4 @@
-"""Find the world frame and the pose of every camera in it (paper, Section III: tau_0,i)."""
+"""Find the world frame, and the pose of every camera in it (tau_0,i in Section III of the paper, for camera i)."""
 
 from __future__ import annotations
 

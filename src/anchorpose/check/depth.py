@@ -27,7 +27,8 @@ from anchorpose.isolation.view import View
 # 1/m, maximum ratio of the noise's sigma to the squared depth; twice the ratio of a Kinect v1 (Khoshelham, Elberink
 # 2012)
 NOISY_PER_M: Final = 2 * 1.425e-3
-# limits (yellow, red) of the share of pixels without a reading; in rooms, windows and far walls cause 0.05 to 0.35
+# share of pixels without a reading above which the finding is yellow (first limit) or red (second limit); in rooms,
+# windows and far walls cause 0.05 to 0.35
 SOME_GONE, MOST_GONE = 0.40, 0.70
 HOLED: Final = 0.15  # maximum share of pixels inside the patient's outline without a reading; hair and shoes cause less
 # maximum ratio of a frame's noise to the median frame's noise; above it, the frame is disturbed. In undisturbed frames,
@@ -37,7 +38,8 @@ BURST: Final = 1.3
 # passers-by cause a smaller difference
 GONE: Final = 0.05
 OFTEN_BURST: Final = 0.25  # share of disturbed frames above which the finding is red instead of yellow
-# limits (yellow, red) of the share of pixels that gain or lose a reading between two frames; usual: 0.03
+# share of pixels that gain or lose a reading between two frames, above which the finding is yellow (first limit) or red
+# (second limit); usually, the share is 0.03
 UNSTEADY, VERY_UNSTEADY = 0.10, 0.20
 SPECK_PX: Final = 7  # pixels; a smaller hole or gap in the patient's pixels is closed to find the outline
 LEAST_SAMPLES: Final = 5  # minimum number of frames for measuring changes between frames
@@ -155,16 +157,19 @@ def _hole_share(view: View) -> float:
 # degrees, smallest and largest plausible field of view; depth cameras have 43 (a cropped RealSense) to 120 (Azure
 # Kinect, wide)
 NARROWEST_DEG, WIDEST_DEG = 30.0, 130.0
-# limits (yellow, red) of the principal point's distance from the image's middle, as a share of the image's size; real
-# lenses have up to 0.03
+# distance of the principal point from the image's middle, as a share of the image's size, above which the finding is
+# yellow (first limit) or red (second limit); real lenses have up to 0.03
 OFF_MIDDLE, FAR_OFF_MIDDLE = 0.10, 0.25
 UNEQUAL: Final = 0.10  # maximum relative difference of the focal lengths fx and fy; pixels are nearly square
-# m, limits (yellow, red) of the floor's bend; real floors are flat to 2 cm, and a bend of 8 cm moves feet by 8 cm
+# m, bend of the floor (largest difference between its median heights at different distances from the optical axis)
+# above which the finding is yellow (first limit) or red (second limit); real floors are flat to 2 cm, and a bend of
+# 8 cm moves feet by 8 cm
 BENT_M, STRONGLY_BENT_M = 0.03, 0.08
 ON_FLOOR_M: Final = 0.12  # m, maximum distance of a floor reading from the floor plane; higher readings are objects
 RINGS: Final = 6  # number of rings about the optical axis into which readings of the floor are divided
 LEAST_READINGS: Final = 300  # minimum number of readings in a ring for computing its median
-# degrees, limits (yellow, red) of a wall's deviation from a right angle with the floor
+# degrees, deviation of the angle between wall and floor from a right angle, above which the finding is yellow (first
+# limit) or red (second limit)
 LEANS_DEG, LEANS_MUCH_DEG = 5.0, 15.0
 UPRIGHT_DEG: Final = 35.0  # maximum tilt of a wall from the vertical; a more tilted plane is a ramp or a ceiling
 # minimum cosine between a wall's normal and the viewing direction, since walls seen more from the side look upright

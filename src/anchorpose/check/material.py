@@ -102,9 +102,9 @@ REACH_M: Final = 0.10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPatient:
-    """The patient in one sampled frame. person: the patient's place and size; views: labelled pixels of each camera,
-    None without a depth image. hidden (cameras,): share of the skin facing each camera that equipment or people hide;
-    NaN if no body was fitted.
+    """The patient in one sampled frame. person: the patient's place and size; views: each camera's depth image
+    with a label per pixel (such as patient, equipment or background), None without a depth image. hidden (cameras,):
+    share of the skin facing each camera that equipment or people hide; NaN if no body was fitted.
     """
 
     person: Person
@@ -174,7 +174,7 @@ class Material:
         return float(np.median(depths)) if depths else float("nan")
 
     def views_of(self, index: int) -> list[View]:
-        """Return one camera's labelled pixels in the frames of ``patient`` in which it has an image."""
+        """Return one camera's depth images with their labels, in the frames of ``patient`` in which it has an image."""
         return [view for seen in self.patient if (view := seen.views[index]) is not None]
 
 

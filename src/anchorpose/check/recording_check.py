@@ -37,13 +37,14 @@ from anchorpose.tracker.preparation import MOVED, OUTDATED
 from anchorpose.tracker.room import NOBODY_SEEN
 
 TOO_SLOW_HZ: Final = 5.0  # Hz, minimum frame rate; at a lower rate, a person may walk a whole step between two frames
-# limits (yellow, red) of the share of a camera's frames that are missing. Tracking bridges single missing frames; if a
-# share above 0.25 is missing, parts of the recording have only half the frame rate
+# share of a camera's frames that are missing or duplicates, above which the finding is yellow (first limit) or red
+# (second limit). Tracking bridges single missing frames; if a share above 0.25 is missing, parts of the recording have
+# only half the frame rate
 SOME_MISSING, MANY_MISSING = 0.05, 0.25
 SHORT_S: Final = 4.0  # s, minimum duration of a recording for learning the patient's body
-# Limits (yellow, red) of the share of frame intervals that deviate from multiples of the camera's period by over a
-# quarter of the period. At 30 Hz, a deviation by a quarter of the period gives a hand that moves at 2 m/s an error of 2
-# cm.
+# Share of frame intervals that deviate from multiples of the camera's period by over a quarter of the period, above
+# which the finding is yellow (first limit) or red (second limit). At 30 Hz, a deviation by a quarter of the period
+# gives a hand that moves at 2 m/s an error of 2 cm.
 SOME_UNEVEN, MANY_UNEVEN = 0.05, 0.5
 
 
@@ -205,16 +206,18 @@ def _one_floor(floor: FloorResidual) -> OfCamera:
 
 
 SELDOM: Final = 0.5  # minimum share of the sampled frames in which the patient should be found
-# maximum number of the patient's pixels along an image border that does not cut off the body; even a hand has more
+# maximum number of the patient's pixels along an image border that does not cut off the body; even a hand that is
+# cut off has more
 CUT_PX: Final = 3
-# limits (yellow, red) of the share of frames in which an image border cuts off the body; raised hands may be cut off
+# share of frames in which an image border cuts off the body, above which a camera's part of the finding is yellow
+# (first limit) or red (second limit); raised hands may be cut off
 SOMETIMES, MOSTLY = 0.1, 0.5
 # m, smallest and largest good distance of the patient; nearer, no lens shows feet and head; farther, a forearm has only
 # 10 pixels
 NEAR_M, FAR_M = 1.2, 4.0
 BORDERS: Final = ("above", "below", "on the picture's left", "on its right")
-# limits (yellow, red) of the hidden share of the skin that faces the camera; above 0.8, more of the body is inferred
-# than seen
+# hidden share of the skin that faces the camera, above which the finding is yellow (first limit) or red (second limit);
+# above 0.8, more of the body is inferred than seen
 HALF_HIDDEN, MOSTLY_HIDDEN = 0.5, 0.8
 
 

@@ -36,7 +36,8 @@ GLOBAL_CLOCKS: Final = ("timestamp_domain.global_time", "timestamp_domain.system
 @dataclass(slots=True, eq=False)
 class RealSense:
     """A started RealSense camera. cameras: a tuple with only this camera; about: a recording with facts about the room
-    and the patient, or None (see ``LiveSource``); pipeline: the object of pyrealsense2 that delivers the images.
+    and the patient that also apply to this camera, or None; pipeline: the object of pyrealsense2 that delivers the
+    images.
     """
 
     name: str
@@ -45,7 +46,9 @@ class RealSense:
     pipeline: Any
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images until ``stop`` is set, as ``LiveSource.images`` requires."""
+        """Yield the images as they are taken, until ``stop`` is set. Raises AnchorposeError with the reason if the
+        camera stops answering.
+        """
         last_s = time.monotonic()
         try:
             while not stop.is_set():
@@ -69,8 +72,9 @@ class RealSense:
 def open_realsense(serial: str, about: Recording | None) -> RealSense:
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
-    about: see ``LiveSource``. Raises MissingPackage if pyrealsense2 or the system's libusb is missing, AnchorposeError
-    if the camera cannot be started, for example because it does not exist, or if its lens model is unknown.
+    about: a recording with facts about the room and the patient that also apply to this camera, or None. Raises
+    MissingPackage if pyrealsense2 or the system's libusb is missing, AnchorposeError if the camera cannot be started,
+    for example because it does not exist, or if its lens model is unknown.
     """
     try:
         import pyrealsense2 as rs
@@ -150,7 +154,9 @@ class Orbbec:
     _asked_s: float = np.inf  # when waiting for an image began, by time.monotonic; inf if no image is awaited
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images until ``stop`` is set, as ``LiveSource.images`` requires."""
+        """Yield the images as they are taken, until ``stop`` is set. Raises AnchorposeError with the reason if the
+        camera or the process that reads it delivers no more images.
+        """
         watching = Thread(target=self._end_process, args=(stop,), daemon=True)
         watching.start()
         header = self.first
@@ -204,9 +210,10 @@ class Orbbec:
 def open_orbbec(serial: str, about: Recording | None, command: Sequence[str] = ()) -> Orbbec:
     """Open the camera with this serial number, or the first camera if ``serial`` is empty.
 
-    about: see ``LiveSource``; command: command line of the process that reads the camera, empty for ``orbbec_process``.
-    Raises AnchorposeError if the process ends before the first image, for example because no such camera is found or
-    its Python has no pyorbbecsdk2, or if the first line that the process writes is not a JSON object.
+    about: a recording with facts about the room and the patient that also apply to this camera, or None; command:
+    command line of the process that reads the camera, empty for ``orbbec_process``. Raises AnchorposeError if the
+    process ends before the first image, for example because no such camera is found or its Python has no pyorbbecsdk2,
+    or if the first line that the process writes is not a JSON object.
     """
     python = os.environ.get(PYTHON_VARIABLE, sys.executable)
     command = command or (python, str(Path(orbbec_process.__file__)), *([serial] if serial else []))
@@ -297,7 +304,7 @@ class Playback:
         )
 
     def images(self, stop: Event) -> Iterator[LiveImage]:
-        """Yield images until the recording ends or ``stop`` is set, as ``LiveSource.images`` requires."""
+        """Yield the images at their recorded intervals, until the recording ends or ``stop`` is set."""
         first_s, began_s = self._order[0][0], time.monotonic()
         for when, camera, place in self._order:
             due_s = began_s + when - first_s

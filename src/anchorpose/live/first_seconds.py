@@ -161,7 +161,9 @@ class FirstSeconds:
         return self._learn_in(furnished, inputs)
 
     def _learn_in(self, room: Room, inputs: TrackInputs) -> Prepared | None:
-        """Learn the body as ``learn_in`` does, and report to the user who was found."""
+        """Learn the body of the room's patient, and report to the user which person was found. Return None if no
+        patient is found, or if the learnt body does not have a human's height and the user gave no height.
+        """
         found = learn_in(room, inputs)
         if found is not None:
             self.user.say(f"The patient was found: who {room.initial_frames[0].choice.reason}.")

@@ -164,8 +164,8 @@ class LiveFollower:
                 self.store()
 
     def _touch(self, record: FrameRecord) -> None:
-        """Find the present contacts with people and equipment. This method is called after the frame was sent, so that
-        it does not delay sending; the contacts are sent with the next frame.
+        """Find the patient's present contacts with other people and with the equipment. This method is called after the
+        frame was sent, so that it does not delay sending; the contacts are sent with the next frame.
         """
         if self._contacts is None:
             run = self.patient.run

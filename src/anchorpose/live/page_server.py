@@ -150,7 +150,9 @@ class PageOutput:
 
 
 def describe_live(has_markers: bool) -> dict[str, Any]:
-    """Return the values that the page needs before the first frame, for JSON; has_markers: as in ``PageOutput``."""
+    """Return the values that the page needs before the first frame, for JSON. has_markers: whether the page has keys
+    and buttons that set markers (conditions and ratings).
+    """
     return {
         "markers": has_markers,
         "joints": list(JOINT_NAMES),
@@ -161,8 +163,8 @@ def describe_live(has_markers: bool) -> dict[str, Any]:
 
 
 def frame_message(frame: LiveFrame, standing: Standing) -> dict[str, Any]:
-    """Return a frame as values for JSON: metres, degrees, seconds; states as indices in ``JointState``; None is
-    unknown.
+    """Return a frame as values for JSON: metres, degrees, seconds; states as indices in ``JointState``; None for
+    an unknown value.
     """
     angles = angles_of(frame)
     return {

@@ -115,8 +115,9 @@ class Recorder:
         return step_s
 
     def _write(self, image: LiveImage, step_s: float) -> Path | None:
-        """Write an image as ``CameraWriter`` does; if its camera restarted, or if the camera's clock was set by
-        ``step_s``, also write a note. A step is noted only if it is larger than all steps of this clock noted before.
+        """Write an image into its camera's folder; if the camera restarted, or if the camera's clock was set by
+        ``step_s``, also write a note. A step is noted only if it is larger than ``CLOCK_STEP_S`` and than all steps of
+        this clock noted before.
         """
         writer = self._writers[image.camera]
         restarts = writer.restarts

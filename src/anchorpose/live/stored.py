@@ -206,9 +206,10 @@ def _journal(folder: Path) -> Journal:
 
 
 def _with_own_files(options: LiveOptions, folder: Path) -> LiveOptions:
-    """Return the options, with the calibration copied and named relative to ``folder``, and other paths absolute.
+    """Copy the calibration file to a subfolder of ``folder``, and return the options with the path of this copy,
+    relative to ``folder``, and with absolute paths of other files and folders.
 
-    Raises InputError if the calibration cannot be used.
+    Raises InputError if the calibration file cannot be used.
     """
     if options.record is not None:
         options = replace(options, record=options.record.resolve())

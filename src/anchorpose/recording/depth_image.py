@@ -63,8 +63,9 @@ class DepthImage:
 def read_depth_image(path: Path, camera: Camera, judged: bool = False, listed: Stamp | None = None) -> DepthImage:
     """Read the depth image in a file; if the file is damaged, the result states the ``problem``.
 
-    judged: whether the content is checked, as in ``image_of_grey``. listed: the file's stamp (size, time of change,
-    inode) when the recording was opened. Raises InputError if the file was replaced after the recording was opened.
+    judged: whether the content is checked, too; an image that cannot be a measurement then has a ``problem``. listed:
+    the file's stamp (size, time of change, inode) when the recording was opened. Raises InputError if the file was
+    replaced after the recording was opened.
     """
     try:
         data = read_bounded(path, largest_png(camera.width, camera.height), listed)

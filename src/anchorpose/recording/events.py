@@ -122,7 +122,8 @@ class Trials:
 @dataclass(frozen=True, slots=True)
 class RecordedSpan:
     """Start and end of a recording, seconds on the clock of its first camera. The end is the time of the last frame
-    plus the usual interval between frames. first_s is None if the start is unknown (``span_of``).
+    plus the usual interval between frames. first_s is None if the start is unknown, because the first camera
+    was left out and its times do not overlap with the times of the frames.
     """
 
     first_s: float | None

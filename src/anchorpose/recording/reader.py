@@ -110,7 +110,9 @@ def read_frames(recording: Recording, start: int = 0, stop: int | None = None) -
 
 
 def read_frame(recording: Recording, position: int) -> FrameSet:
-    """Read the frame set at one position in the first camera's stream; raises InputError as ``read_frames`` does."""
+    """Read the frame set at one position in the first camera's stream; raises InputError if the cameras' recorded times
+    do not overlap, or if the stream does not have this position.
+    """
     return next(read_frames(recording, position, position + 1))
 
 

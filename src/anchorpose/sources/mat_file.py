@@ -92,7 +92,9 @@ def list_arrays(data: memoryview) -> list[MatArray]:
 
 
 def _body(data: memoryview, order: str) -> memoryview:
-    """Return the content of an array's element, without its tag; data: the unpacked beginning of the element."""
+    """Return the content of an array's element, without its tag (type and size). data: the element after unpacking, or
+    only its beginning.
+    """
     if len(data) < 8 or struct.unpack_from(f"{order}I", data) != (_MATRIX,):
         raise ValueError("a compressed element that is not an array")
     return data[8:]

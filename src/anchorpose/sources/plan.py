@@ -334,8 +334,8 @@ def encode_grey(grey: np.ndarray) -> bytes:
 
 
 def _complete_rows(folder: Path, plan: CameraPlan) -> list[tuple[int, str]]:
-    """Return number and time (text) of each image before the first missing file; damaged images at the end of this
-    series are left out.
+    """Return number and time (text) of each image in timestamps.csv, up to the first damaged row or missing image file;
+    damaged images at the end of this series are left out.
     """
     path = folder / "timestamps.csv"
     if not path.is_file():

@@ -64,7 +64,7 @@ def open_source(path: Path) -> BagSource:
 
 
 class BagSource:
-    """The source (see ``Source``) that reads a bag, one image at a time."""
+    """An opened bag, whose depth images are read one at a time."""
 
     def __init__(self, path: Path, bag: Bag, streams: Streams) -> None:
         self.path = path

@@ -217,7 +217,8 @@ def image_size(info: CameraInfo) -> tuple[int, int]:
 
 def lens_of(info: CameraInfo, rectified: bool) -> Lens:
     """Return the lens of the images that ``info`` describes. rectified: whether distortion was removed from the images;
-    their camera matrix is then P, or K if P is missing and ``info`` has no distortion.
+    the lens is then read from the projection matrix P in ``info``, or from its camera matrix K if P is missing and
+    ``info`` has no distortion.
     """
     if rectified and info.P[0] > 0.0:
         focal_centre = info.P[0], info.P[5], info.P[2], info.P[6]

@@ -22,7 +22,8 @@ MISSING: Final = ("", "NaN", "nan", "NA", "n/a")
 
 
 def read_csv(path: Path, time_column: str | None = None) -> OtherFile:
-    """Read the columns of a CSV. time_column: name of the column of times, None for the first of ``TIME_COLUMNS``.
+    """Read the columns of a CSV. time_column: name of the column of times, None for the first of ``TIME_COLUMNS``
+    that the file has.
 
     Empty cells, NaN, NA and n/a count as missing values. Raises InputError naming the file and the remedy.
     """

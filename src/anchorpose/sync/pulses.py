@@ -102,7 +102,8 @@ def rising_edges(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
     """One reading (interpretation of edges as starts or ends) of the pulses in each file, with the offsets tried for
-    this pair. offsets (c, 2): as in ``_candidates``; matched (c,): how many starts and ends match at each offset.
+    this pair. offsets (c, 2): each row is an offset between the clocks, and the time on the recording's clock at which
+    this offset holds; matched (c,): how many starts and ends match at each offset.
     """
 
     ours: Pulses
@@ -181,8 +182,9 @@ def _tried(ours: Pulses, theirs: Pulses, near_s: float | None) -> _Trial:
 
 
 def _candidates(ours_s: np.ndarray, theirs_s: np.ndarray, near_s: float | None) -> np.ndarray:
-    """Return the offsets to try (c, 2). The first column is the offset: an onset on the other clock minus an onset on
-    the recording's clock. The second is this onset on the recording's clock, the time at which the offset holds.
+    """Return the offsets between the two clocks that are tried, (c, 2). The first column is the offset: an onset on the
+    other clock minus an onset on the recording's clock. The second is this onset on the recording's clock, the time at
+    which the offset holds.
     """
     if not len(ours_s):
         return np.empty((0, 2))

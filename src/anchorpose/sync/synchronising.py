@@ -61,8 +61,8 @@ def synchronise(results: Path, other: Path, settings: SyncSettings) -> Synchroni
 
 
 def read_other(path: Path, time_column: str | None = None) -> OtherFile:
-    """Read the signals of a .csv, .xdf, .edf or .bdf file; time_column: as in ``read_csv``. Raises InputError for other
-    endings.
+    """Read the signals of a .csv, .xdf, .edf or .bdf file. time_column: name of a CSV's column of times, None for a
+    usual name. Raises InputError for other endings, or if ``time_column`` is given for a file that is not a CSV.
     """
     ending = path.suffix.lower()
     if time_column is not None and ending != ".csv":
