@@ -131,8 +131,8 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings and true joints; for a single recording, also nodes (points of the
-    patient's surface) and the nodes' true matches in the format of answers.
+    """Make all files of one seed: recordings and true joints; for a single recording (one person, one camera), also
+    nodes (points of the patient's surface) and the nodes' true matches in the format of answers.
     """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"

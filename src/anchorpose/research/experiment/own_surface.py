@@ -61,8 +61,8 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (see
-    ``turns``).
+    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (``turns``:
+    sines of the angles between the directions away from two tips).
     """
 
     distance_m: np.ndarray  # (p, 5), distances along the skin in the rest pose to the tips of head, hands and feet
@@ -91,7 +91,9 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return the distances and turns of a body's skin points; the results for the last four bodies are cached."""
+    """Return the distances of a body's skin points to the tips of head, hands and feet, and the points' turns (sines of
+    angles, see ``turns``); the results for the last four bodies are cached.
+    """
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
@@ -176,10 +178,11 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 
 
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
-    """Match up to ``NODES`` seen nodes with skin points that have similar distances to the anchors and similar turns.
+    """Match up to ``NODES`` seen nodes with skin points of the body model that have similar distances to the anchors
+    and similar turns (sines of the angles between the directions away from two anchors).
 
-    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances has no
-    match, nor does a node that fits several places on the skin.
+    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances to anchors
+    has no match, nor does a node that fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
