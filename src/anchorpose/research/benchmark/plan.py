@@ -112,8 +112,7 @@ class Group:
         return f"{self.name}/{NODES}/{frame:06d}.csv"
 
     def truth(self, benchmark: Path) -> Path:
-        """Return the path of the file with the true joints of the group's recordings. benchmark: the benchmark folder.
-        """
+        """Return the path of the file of true joints of the group's recordings. benchmark: the benchmark folder."""
         return benchmark / self.name / "truth.npz"
 
 

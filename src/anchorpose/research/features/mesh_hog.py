@@ -28,8 +28,7 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """Settings of MeshHOG. The default values are from the authors of MeshHOG, except for both radii and the smoothing.
-    """
+    """Settings of MeshHOG. The default values are from MeshHOG's authors, except for both radii and the smoothing."""
 
     # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body, at a computing time of
     # 0.1 s per frame
