@@ -32,8 +32,9 @@ SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marchin
 # standard deviation of a distance in m per m of its length, added to SIGMA_M in quadrature; it allows for bent limbs
 # and for the inexact sizes of the body model
 SIGMA_PER_M: Final = 0.02
-# Standard deviation of a turn, which is the sine of an angle (see ``turns``). The value is larger than the error of a
-# single turn, 0.4, since a node has ten turns but only four of them are independent.
+# Standard deviation of a turn, the sine of the angle between the directions away from two anchors (see ``turns``). The
+# value is larger than the error of a single turn, 0.4, since a node has ten turns but only four of them are
+# independent.
 TURN_SIGMA: Final = 0.6
 # Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
 # simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
@@ -220,7 +221,8 @@ def _table(own: np.ndarray) -> np.ndarray:
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Return (k, p) float32: for each node and skin point, the sum of ((seen - own) / sigma)^2, where ``seen`` has the
-    distances and turns of the node, and ``own`` has the distances and turns of the skin point.
+    distances to the anchors and the turns (see ``turns``) of the node, and ``own`` has the same values of the skin
+    point.
 
     The term (seen / sigma)^2 is left out, since it is the same for all skin points. The sum is over the columns of seen
     and sigma (k, c) that are not NaN. table: the distances and turns of the skin points in the form that ``_table``

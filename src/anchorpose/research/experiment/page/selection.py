@@ -50,7 +50,7 @@ class Tracking:
     """The results of tracking in one form (variant) of the paper's framework, by scene, method and size of hole.
 
     Recordings are sorted by name. This project's tracker runs outside the paper's framework, so its results are
-    included in every form.
+    included whatever the form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
