@@ -202,7 +202,9 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Compute the fingerprint of a recording folder. The recording's true joints are in truth.npz beside the folder."""
+    """Compute the fingerprint of a recording folder: hashes of its depth images and true joints, and the number and
+    mean of its depth readings. The recording's true joints are in truth.npz beside the folder.
+    """
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

@@ -17,7 +17,9 @@ from anchorpose.surface.surface import Surface
 
 
 class ScalarFunction(StrEnum):
-    """The function whose gradients are described. The authors' third function, colour, does not exist in depth data."""
+    """The function on the surface whose gradients MeshHOG describes. The third function that MeshHOG's authors use,
+    colour, does not exist in depth data.
+    """
 
     MEAN_CURVATURE = "mean-curvature"
     GAUSSIAN_CURVATURE = "gaussian-curvature"
@@ -59,11 +61,12 @@ def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarra
     with the largest gradients lie, and the direction perpendicular to both. Positions and gradients of the nodes within
     radius_m along the surface are projected onto the three planes of this frame. In each plane, the weight of such a
     node is the length of its projected gradient times a Gaussian of its distance. The weight is divided between the
-    slices nearest to the node's position and the orientations nearest to its gradient. Three things differ from the
-    authors' program, so that no result depends on the grid or on where bins begin: the histogram by which the frame's
-    first tangential direction is found is smoothed; its peak is interpolated between bins that are counted from a
-    direction that turns with the body; and a gradient is weighted by the length of its projection, not by its own
-    length. Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
+    slices (sectors of the plane) nearest to the node's position and the orientations (bins of direction) nearest to its
+    gradient. Three things differ from the authors' program, so that no result depends on the grid or on where bins
+    begin: the histogram by which the frame's first tangential direction is found is smoothed; its peak is interpolated
+    between bins that are counted from a direction that turns with the body; and a gradient is weighted by the length of
+    its projection, not by its own length. Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012
+    (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
     gradient = mesh_gradient(surface, scalar_function(surface, config))

@@ -229,7 +229,9 @@ def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) ->
 def _list_triangles(
     node: int, c: int, first: np.ndarray, corner_of: np.ndarray, listed: np.ndarray, around: np.ndarray, count: int
 ) -> int:
-    """Add the triangles at a node that are not yet listed for node c; return the new number of listed triangles."""
+    """Add to ``around`` the triangles at ``node`` that are not yet listed for the node ``c``, whose neighbourhood
+    contains ``node``; return the new number of listed triangles.
+    """
     for spot in range(first[node], first[node + 1]):
         triangle = corner_of[spot]
         around[count] = triangle

@@ -76,8 +76,9 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
     """Return the colours (n, 3), 0 to 1, of nodes with these distortions.
 
-    Up to the tolerance, nodes have the colour of the bare mesh. Above the tolerance, nodes are blue, darker for a
-    greater distortion up to ``SHOWN_M``. Nodes that the hole disconnects from the anchor have the colour ``CUT_OFF``.
+    Nodes with a distortion of at most ``tolerance_m`` have the colour of the bare mesh. Nodes with a greater distortion
+    are blue, darker for a greater distortion up to ``SHOWN_M``. Nodes that the hole disconnects from the anchor have
+    the colour ``CUT_OFF``.
     """
     from matplotlib import colormaps
 
