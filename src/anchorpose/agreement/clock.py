@@ -189,7 +189,7 @@ class OtherClock:
     middle_s)``. So ``middle_s`` is the time (on the clock of the results) at which the clocks differ by exactly
     ``offset_s``. Sigmas are standard deviations.
 
-    overlap_s: times of the first and the last common sample, on the clock of the results.
+    overlap_s: times of the first and the last sample that both systems measured, on the clock of the results.
     """
 
     offset_s: float
@@ -239,7 +239,7 @@ def refine_clock(ours: Signals, theirs: Signals, clock: Clock, with_drift: bool 
     than a single movement (such as one bend of the knee), the steps may end at a wrong offset.
 
     with_drift: if False, drift and its sigma stay as in ``clock``, for recordings that are too short to show a drift.
-    Raises NoCommonMovement if the two recordings have too few common samples.
+    Raises NoCommonMovement if the two recordings have too few samples at the same times.
     """
     offset_s, drift, middle_s = clock.offset_s, clock.drift, clock.middle_s
     free = slice(2 if with_drift else 1)
@@ -343,8 +343,8 @@ def _normal_equations(
     stretches of equal duration. The two unknowns are the change of the offset, at the centre of the common time of both
     recordings, and the change of the drift.
 
-    Return matrices (``BLOCKS``, 2, 2), right sides (``BLOCKS``, 2), the times of common samples, and the centre of
-    these times; None if the signals have too few common samples.
+    Return matrices (``BLOCKS``, 2, 2), right sides (``BLOCKS``, 2), the times of the samples that both systems
+    measured, and the weighted centre of these times; None if the two systems have too few such samples.
     """
     at_s = ours.time_s + offset_s + drift * (ours.time_s - middle_s)
     place = (at_s - theirs.time_s[0]) * GRID_HZ

@@ -64,8 +64,8 @@ def match_results(results: Path, reference: Reference, given: np.ndarray | None 
     """Match results with a reference: find the reference's clock and pose. given: the reference's pose
     T_world_reference (4, 4), if known.
 
-    Raises InputError if lengths have another unit, the reference fits much better with a mirrored axis or with left and
-    right exchanged, or no common movement is found.
+    Raises InputError if the reference's lengths seem to be in another unit than stated, if the reference fits much
+    better with a mirrored axis or with left and right exchanged, or if no common movement is found.
     """
     require_own(results, (JOINTS_FILE,))
     joints = read_joints(results / JOINTS_FILE)

@@ -111,8 +111,8 @@ def pelvis_frame(
 
 
 def harrington_hip(width_m: float, depth_m: float) -> np.ndarray:
-    """Return the right hip centre (3,), metres, in ``pelvis_frame``: x forward, y up, z right; for the left hip, z is
-    reversed.
+    """Estimate the right hip centre (3,) from the pelvis's width and depth, by the regression of Harrington et al.
+    2007; metres in ``pelvis_frame`` (x forward, y up, z right). For the left hip, z is reversed.
     """
     return np.array([-0.24 * depth_m - 0.0099, -0.30 * width_m - 0.0109, 0.33 * width_m + 0.0073])
 
@@ -147,8 +147,8 @@ def _functional_centre(
     regression_m: np.ndarray,
 ) -> np.ndarray:
     """Return the functional hip centre (3,) in ``pelvis_frame``. pelvis: axes and origin of that frame; regression_m:
-    the centre by the regression. Raises InputError if the thigh has no markers, or their movement does not determine
-    the centre.
+    the hip centre that ``harrington_hip`` estimates. Raises InputError if the thigh has no markers, if their movement
+    does not determine the centre, or if the centre is more than ``FARTHEST_M`` away from ``regression_m``.
     """
     axes, origin_m = pelvis
     if not markers:
@@ -211,7 +211,8 @@ class Reference:
 def read_reference(
     path: Path, unit: str | None = None, names: Path | None = None, hip: HipCentre = HipCentre.HARRINGTON
 ) -> Reference:
-    """Read the joints and angles of a file. names: a table (see ``given_marking``) used in place of ``known_marking``.
+    """Read the joints and angles of a file. names: the user's table of the joints that the labels stand for (read by
+    ``given_marking``); None = labels have their usual meaning (``known_marking``).
 
     Raises InputError if the file has none of this program's joints and angles.
     """

@@ -194,8 +194,8 @@ def _other_unit(grid: np.ndarray, subjects: Sequence[str], repeats: Sequence[str
     differ from the values of the other sessions by a factor of ``OTHER_UNIT`` or more, either over all subjects or for
     one subject. Return None if no session has such values. grid (subjects, repeats): the values.
 
-    A single value may be near zero without an error. So small values are reported only if the median over all subjects
-    of a session is small; large values are reported also for a single subject.
+    A correct value may be near zero by chance. So small values are reported only if the median over all subjects of a
+    session is small; large values are reported also for a single subject.
     """
     size = np.abs(grid[np.isfinite(grid).all(axis=1)])
     names = [name for name, row in zip(subjects, grid, strict=True) if np.isfinite(row).all()]

@@ -167,9 +167,10 @@ def coverage_95(error: np.ndarray, sigma: np.ndarray) -> float:
 
 
 def calibration_error(error: np.ndarray, sigma: np.ndarray) -> float:
-    """Return the expected calibration error of stated sigmas. For each share in ``LEVELS``, the interval around 0 that
-    should hold this share of the errors is computed from sigma; the result is the mean absolute difference between this
-    share and the observed share.
+    """Return the expected calibration error of stated sigmas: how much the shares of errors within intervals of these
+    sigmas differ from the intended shares. For each share in ``LEVELS``, the interval around 0 that should hold this
+    share of the errors is computed from sigma; the result is the mean absolute difference between this share and the
+    observed share.
 
     error, sigma (n,). The calibration error is 0 if the observed shares equal ``LEVELS``, and 0.5 if every sigma is far
     too small or far too large. Source: Kuleshov et al. 2018 (arXiv:1807.00263), for normal errors and central

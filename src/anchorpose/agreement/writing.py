@@ -269,7 +269,8 @@ SOURCES: Final = (
 
 def write_comparison(folder: Path, comparison: Comparison, overwrite: bool = False) -> None:
     """Write all files of a comparison into a new folder or, with ``overwrite``, over the files of an earlier
-    comparison; raises an error if the folder may not be written (see ``check_results_path``).
+    comparison; raises InputError if the folder may not be written, for example because it has other files
+    (``check_results_path``).
     """
     check_results_path(folder, None, overwrite, COMPARISON)
     methods = methods_sentences(comparison)

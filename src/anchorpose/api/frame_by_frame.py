@@ -135,7 +135,7 @@ class Tracker:
         self.close()
 
     def close(self) -> None:
-        """Remove the temporary folder. From then on, ``step`` raises AnchorposeError."""
+        """Remove the temporary folder. After this call, ``step`` raises AnchorposeError."""
         self._closed = True
         self._stack.close()
 

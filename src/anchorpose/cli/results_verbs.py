@@ -40,7 +40,7 @@ class MeasureOptions:
     """With --fill: the longest gap that is filled, in seconds; 0.2 by default."""
 
     def settings(self) -> ProcessingConfig:
-        """Return the settings; raises AnchorposeError if the options do not fit together."""
+        """Return the settings of smoothing and filling; raises AnchorposeError if the options contradict each other."""
         from anchorpose.results.processing import ProcessingConfig
         from anchorpose.settings import sentence_of
 

@@ -252,7 +252,7 @@ def parse_formats(text: str) -> tuple[Format, ...]:
 
 def _own_files(folder: Path) -> tuple[str, ...]:
     """Return patterns of the files in a folder that may be replaced, since an earlier export wrote them; the result is
-    empty without such files. Raises InputError if the record of the earlier export cannot be read.
+    empty without such files. Raises InputError if export.json, the record of the earlier export, cannot be read.
     """
     record = folder / RECORD_FILE
     files = read_json(record).get("files", []) if record.is_file() else []

@@ -216,8 +216,8 @@ def _arm(position_m: np.ndarray, torso: np.ndarray, side: str, end: str, sign: i
     shoulder, elbow, wrist = (joint(position_m, f"{name}{side}") for name in ("Shoulder", "Elbow", "Wrist"))
     flexion, adduction = limb_angles_deg(in_axes(torso, elbow - shoulder), sign)
     return {
-        # in this range, the angle jumps by 360 degrees where an arm would point straight back, which no arm can, and
-        # not where an arm points overhead
+        # the range from -90 to 270 degrees: the angle then jumps by 360 degrees where an arm would point straight back,
+        # which no arm can, and not where an arm points overhead
         f"arm_flex_{end}": (flexion + 90.0) % 360.0 - 90.0,
         f"arm_add_{end}": adduction,
         f"elbow_flex_{end}": bend_deg(elbow - shoulder, wrist - elbow),

@@ -124,8 +124,9 @@ def near_in_time(time_s: np.ndarray) -> np.ndarray:
     frame.
     """
     steps_s = np.diff(time_s)
-    # number of steps on either side of a step, over which the median is taken. It is even: where short and long steps
-    # alternate, the median around a step then equals this step, so no frame counts as missing
+    # The median is taken over a step (the time from a frame to the next) and this number of steps on either side. The
+    # number is even: where short and long steps alternate, the median around a step then equals this step, so no frame
+    # counts as missing
     per_side = 2 * round(nominal_rate_hz(time_s) / 4.0)
     usual_s = median_filter(steps_s, 2 * per_side + 1, mode="mirror")
     return np.asarray((steps_s <= LONGEST_STEP * usual_s) & (steps_s <= longest_known_gap_s(time_s)))

@@ -259,7 +259,10 @@ def _rounded(values: np.ndarray) -> list[float | None]:
 def inspect_recording(
     recording: Path, out: Path, frame: int, config: TrackConfig, as_tracked: bool, tick: Callable[[], None]
 ) -> Inspection:
-    """Write the page and pictures of one frame into the existing, empty folder ``out``; see ``inspect_frame``."""
+    """Write the page and pictures of one frame into the existing, empty folder ``out``. as_tracked: whether the body is
+    learnt and the patient followed from the initial frame, as by ``track``, and not from a nearby frame (see
+    ``inspect_frame``). tick: function that is called for every frame that is read.
+    """
     with one_thread():
         opened = open_recording(recording)
         inspection = inspect_frame(with_height(opened, config.height_m), frame, config, as_tracked, tick)

@@ -121,7 +121,8 @@ def light_from(occlusion: Occlusion, node: int) -> Light:
 
 
 def border_is_covered(lights: Sequence[Light]) -> bool:
-    """Return whether the bright regions together cover every edge of the occlusion's boundary (Proposition 2).
+    """Return whether the bright regions of ``lights`` (the parts of the occlusion's boundary to which distances are
+    undistorted) together cover every edge of this boundary (Proposition 2).
 
     If this is true and Proposition 1 applies (docs/occlusion.md), every seen node has an undistorted distance to at
     least one of the nodes of ``lights``. If the result is false, some edge is not covered: the distances of nodes just

@@ -131,8 +131,8 @@ def reference() -> dict[str, Fingerprint]:
 
 
 def make_group(group: Group, out: Path) -> None:
-    """Make all files of one seed: recordings and true joints; for a single recording, also nodes (points of the
-    patient's surface) and the nodes' true matches in the format of answers.
+    """Make all files of one seed: recordings and true joints; for a single recording (one person, one camera), also
+    nodes (points of the patient's surface) and the nodes' true matches in the format of answers.
     """
     with one_thread(), whole_or_nothing(out / group.name) as work:
         simulated = work / "simulated"
@@ -202,7 +202,9 @@ def _write_matches(group: Group, work: Path) -> None:
 
 
 def fingerprint(recording: Path) -> Fingerprint:
-    """Compute the fingerprint of a recording folder. The recording's true joints are in truth.npz beside the folder."""
+    """Compute the fingerprint of a recording folder: hashes of its depth images and true joints, and the number and
+    mean of its depth readings. The recording's true joints are in truth.npz beside the folder.
+    """
     digest, readings, total = hashlib.sha256(), 0, 0
     for path in sorted(recording.glob("*/depth/*.png")):
         image = read_image(path)

@@ -81,7 +81,7 @@ class Group:
 
     @property
     def simulation(self) -> SimulationConfig:
-        """Return the settings of the simulator."""
+        """Return the settings with which the simulator makes the group's recording."""
         preset = presets.clinic if self.is_clinic else presets.single
         return preset(self.seed, SECONDS, FPS)
 
@@ -96,8 +96,8 @@ class Group:
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """Return the pairs of frames to be matched, in the recording without holes; a group with a clinic has no such
-        pairs.
+        """Return the pairs of frames to be matched, in the recording without holes; a group with a clinic (three
+        cameras and therapists) has no such pairs.
         """
         if self.is_clinic:
             return ()
@@ -112,13 +112,14 @@ class Group:
         return f"{self.name}/{NODES}/{frame:06d}.csv"
 
     def truth(self, benchmark: Path) -> Path:
-        """Return the file of the true joints."""
+        """Return the path of the file of true joints of the group's recordings. benchmark: the benchmark folder."""
         return benchmark / self.name / "truth.npz"
 
 
 def groups_of(part: Part, at_most: int | None = None) -> tuple[Group, ...]:
-    """Return the groups of a part. at_most: maximum number of groups with a single recording, and also of groups with a
-    clinic, both in the order of their seeds; None = all groups.
+    """Return the groups of a part. at_most: maximum number of groups with a single recording (one person, one camera),
+    and also of groups with a clinic (a patient with two therapists, three cameras), both in the order of their seeds;
+    None = all groups.
     """
     single, clinic = SEEDS[part]
     return tuple(

@@ -189,10 +189,11 @@ def as_document(score: Score) -> dict[str, Any]:
 def leader_board_row(score: Score) -> str:
     """Return a row of the leader board, the table in docs/benchmark.md.
 
-    For each gap between the frames of a pair, a cell has the percentages of all nodes and of moved nodes that are
-    matched within 50 mm. For each size of hole and for clinics, a cell has the mean joint error (mm), and the
-    percentage of missing joints if this is 0.05 % or more. The last cell has, for clinics, the percentage of joint
-    coordinates whose true value lies within 1.96 sigma of the answer.
+    For each gap (number of frames from the first to the second frame of a pair), a cell has the percentages of all
+    nodes and of moved nodes that are matched within 50 mm. For each size of hole and for the clinic recordings (a
+    patient with two therapists), a cell has the mean joint error (mm), and the percentage of missing joints if this is
+    0.05 % or more. The last cell has, for the clinic recordings, the percentage of joint coordinates whose true value
+    lies within 1.96 sigma of the answer.
     """
     cells = [score.answers.method]
     for task in (*GAPS, *TRACKING, CLINIC):

@@ -15,7 +15,7 @@ PAPER_HOLES_M: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 
 
 class Scene(StrEnum):
-    """A kind of recording. Only the kind ``PAPER`` is in the paper; this project has added the other kinds."""
+    """A kind of recording. The paper only has recordings of the kind ``PAPER``; this project has added the others."""
 
     PAPER = "paper"  # one person, one front camera, and no occlusion except the holes
     LOOSE = "loose"  # as PAPER, but with looser clothes, whose folds are 14 mm above the skin instead of 9 mm

@@ -55,7 +55,7 @@ class Matches:
 
 
 def take_window(frame: int, given: GivenFrames, run: Run, stride: int = 1) -> Window | None:
-    """Return the window that begins with a frame.
+    """Return the window (the observed frame and the next frames that the track tree uses) that begins with a frame.
 
     Return None if the patient was not found in this frame, or if the next frame of the window does not exist or does
     not show the patient. stride: number of frames from one observation to the next, as in ``run_in``.
@@ -112,7 +112,9 @@ COMPARED = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchErrors:
-    """The errors of the m compared nodes of a window. ``results.Matched`` describes the fields."""
+    """The errors of the matches of the m compared nodes of a window (a frame and the next frames). ``results.Matched``
+    describes the fields.
+    """
 
     region: np.ndarray
     moved_mm: np.ndarray
@@ -151,7 +153,7 @@ def truth_of(window: Window, skin: Skin) -> Truth:
 
 
 def score(method: Method, setting: object, window: Window, truth: Truth) -> MatchErrors:
-    """Return the errors of the method's matches in a window."""
+    """Return the errors of the method's matches from a window's first frame to its second frame."""
     matches = match_window(method, setting, window)
     direct = _matched(matches, window, truth)
     tree, every = (_chosen(one, window, truth) for one in (matches.tree, matches.every))

@@ -60,8 +60,9 @@ class Family(StrEnum):
 class Method:
     """A method and its possible settings. The setting to use is chosen on the training recordings.
 
-    For ``anchored``, ``update`` and ``own_surface`` see ``paper_tracker.Way``. If ``anchored`` is False, the method is
-    called only once for observations that differ only in their anchors.
+    anchored: whether the method uses anchors (tips of head, hands and feet). update: the way in which matches update
+    the pose. own_surface: whether an arm is moved if its hand is seen elsewhere than the pose states. If ``anchored``
+    is False, the method is called only once for observations that differ only in their anchors.
     """
 
     key: str

@@ -32,8 +32,9 @@ SIGMA_M: Final = 0.02  # m, standard deviation of a distance due to fast marchin
 # standard deviation of a distance in m per m of its length, added to SIGMA_M in quadrature; it allows for bent limbs
 # and for the inexact sizes of the body model
 SIGMA_PER_M: Final = 0.02
-# Standard deviation of a turn, which is the sine of an angle (see ``turns``). The value is larger than the error of a
-# single turn, 0.4, since a node has ten turns but only four of them are independent.
+# Standard deviation of a turn, the sine of the angle between the directions away from two anchors (see ``turns``). The
+# value is larger than the error of a single turn, 0.4, since a node has ten turns but only four of them are
+# independent.
 TURN_SIGMA: Final = 0.6
 # Medians, in m, of the amount by which distances to each anchor are longer in a frame than on the body model, for
 # simulated people. Distances to head and feet are shorter, since the anchors found there lie short of the tips.
@@ -61,8 +62,8 @@ _FIRST, _SECOND = (np.array(column) for column in zip(*PAIRS, strict=True))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnSurface:
-    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (see
-    ``turns``).
+    """The p skin points of a body: their distances to the tips of head, hands and feet, and their turns (``turns``:
+    sines of the angles between the directions away from two tips).
     """
 
     distance_m: np.ndarray  # (p, 5), distances along the skin in the rest pose to the tips of head, hands and feet
@@ -91,7 +92,9 @@ class SkinMatches:
 
 @lru_cache(maxsize=4)
 def own_surface(body: Body) -> OwnSurface:
-    """Return the distances and turns of a body's skin points; the results for the last four bodies are cached."""
+    """Return the distances of a body's skin points to the tips of head, hands and feet, and the points' turns (sines of
+    angles, see ``turns``); the results for the last four bodies are cached.
+    """
     vertices, points = body.mesh.vertices, body.points
     distance = skin_distance(vertices, points.asset.faces, points.vertex[anchor_points(points)])
     around = points.asset.faces[points.faces_of].reshape(len(points.vertex), -1)
@@ -176,10 +179,11 @@ def _sideways(normals: np.ndarray) -> np.ndarray:
 
 
 def match_skin(body: Body, seen: SeenGeodesics, mirrored: bool = False) -> SkinMatches:
-    """Match up to ``NODES`` seen nodes with skin points that have similar distances to the anchors and similar turns.
+    """Match up to ``NODES`` seen nodes with skin points of the body model that have similar distances to the anchors
+    and similar turns (sines of the angles between the directions away from two anchors).
 
-    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances has no
-    match, nor does a node that fits several places on the skin.
+    mirrored: True = the left and right anchors are exchanged. A node with fewer than three known distances to anchors
+    has no match, nor does a node that fits several places on the skin.
     """
     chosen = thin(len(seen.descriptor), NODES)
     distance = _finite_or_nan(seen.descriptor[:, MIRRORED] if mirrored else seen.descriptor)
@@ -217,7 +221,8 @@ def _table(own: np.ndarray) -> np.ndarray:
 
 def _off2(seen: np.ndarray, sigma: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Return (k, p) float32: for each node and skin point, the sum of ((seen - own) / sigma)^2, where ``seen`` has the
-    distances and turns of the node, and ``own`` has the distances and turns of the skin point.
+    distances to the anchors and the turns (see ``turns``) of the node, and ``own`` has the same values of the skin
+    point.
 
     The term (seen / sigma)^2 is left out, since it is the same for all skin points. The sum is over the columns of seen
     and sigma (k, c) that are not NaN. table: the distances and turns of the skin points in the form that ``_table``

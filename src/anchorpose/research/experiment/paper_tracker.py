@@ -61,8 +61,8 @@ class PaperTracker(PatientTracker):
         """Track the next frame as ``PatientTracker.step`` does, but without joints' states and sigmas, which are not
         compared.
 
-        Return whether a frame was registered. The result is False until the frame's look-ahead has been read, and after
-        the last frame.
+        Return whether a frame was registered. The result is False until the frames of the look-ahead (the next frames,
+        which the track tree uses) have been read, and after the last frame.
         """
         ready = self._look(frame_set)
         if ready:

@@ -124,7 +124,7 @@ class Plan:
     training: bool = False  # whether the plan serves to choose settings: every setting of every method is then tried
 
     def tasks(self, clip: Clip) -> Iterator[Task]:
-        """Yield all tasks of a clip."""
+        """Yield all tasks of a clip (recording)."""
         if self.training:
             yield from self._tried(clip)
             return
@@ -236,7 +236,7 @@ class PlanSpec:
 
 
 def identity(clip: Clip) -> str:
-    """Return a text that identifies a clip's content: its simulation, or a digest of its files."""
+    """Return a text that identifies the content of a clip (recording): its simulation, or a digest of its files."""
     if clip.simulation is not None or clip.folder is None:
         return repr(clip.simulation)
     return _content(clip.folder)

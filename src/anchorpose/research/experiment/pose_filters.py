@@ -133,7 +133,8 @@ def _weights(log_weight: np.ndarray) -> np.ndarray:
 
 
 def _tempered(log_weight: np.ndarray, left: float) -> float:
-    """Return the largest power of the likelihood at which enough particles (``EFFECTIVE``) stay effective.
+    """Return the largest power of the likelihood at which at least the share ``EFFECTIVE`` of the particles stays
+    effective.
 
     left: the power that earlier steps have not yet applied; the result is at most this power.
     """

@@ -143,7 +143,7 @@ class PreparedClip:
 
 
 def work_on(clip: Clip, plan: Plan) -> None:
-    """Do all tasks of a clip that have no result yet, and write one result file per task.
+    """Do all tasks of a clip (recording) that have no result yet, and write one result file per task.
 
     Raises AnchorposeError if the patient or a world frame is not found in the clip.
     """
@@ -162,7 +162,9 @@ def work_on(clip: Clip, plan: Plan) -> None:
 
 @contextmanager
 def prepare_clip(clip: Clip, plan: Plan) -> Iterator[PreparedClip]:
-    """Yield the clip with its reference; a simulated recording is deleted afterwards, since it can be made again."""
+    """Yield the clip (recording) with its reference, the data that all methods are given; a simulated recording is
+    deleted afterwards, since it can be made again.
+    """
     with TemporaryDirectory(prefix="anchorpose-") as folder:
         if clip.simulation is not None:
             made = Path(folder) / "simulated"

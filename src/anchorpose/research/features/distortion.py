@@ -36,7 +36,7 @@ class LeastDistortion:
 
 
 def distortion_m(distances_a: np.ndarray, distances_b: np.ndarray, match: np.ndarray) -> float:
-    """Return the distortion of a map in metres.
+    """Return the distortion of a map in metres: the greatest change of a distance between two points.
 
     distances_a (n_a, n_a), distances_b (n_b, n_b): metres, within each set. match (n_a,) int.
     """
@@ -59,8 +59,8 @@ def least_distortion(
 
 
 def surface_distance(one: Surface, other: Surface, samples: int = 8, candidates: int = 60) -> LeastDistortion:
-    """Compute d_PE between two sets of nodes: samples of the surface ``one``, and candidates on the surface ``other``.
-    In both sets, nodes lie as far apart as possible.
+    """Compute d_PE, half the smallest distortion of any map, from samples (nodes of the surface ``one``) to candidates
+    (nodes of the surface ``other``). In both sets, nodes lie as far apart as possible.
 
     Distances are computed by fast marching, and paths may follow links (edges outside the pixel grid). Between separate
     pieces of a surface, distances are ``APART_M``, far greater than any distance on a body.

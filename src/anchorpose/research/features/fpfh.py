@@ -85,9 +85,9 @@ def _simplified(oriented: np.ndarray, start: np.ndarray, node: np.ndarray) -> tu
 def _pair_bins(oriented: np.ndarray, p: int, others: np.ndarray, count: int, bins: np.ndarray) -> None:
     """Fill bins (3, count): for each of the three angles, the bin of each pair of node p and one of ``others``.
 
-    The angles are the paper's, in Darboux's frame at the node whose normal n has the smaller angle with the direction d
-    between the two nodes. With unit normals, v = d x n / |d x n| and w = n x v, all angles follow from products of d, n
-    and the other normal.
+    The angles are defined as by Rusu et al. 2009, in Darboux's frame at the node whose normal n has the smaller angle
+    with the direction d between the two nodes. With unit normals, v = d x n / |d x n| and w = n x v, all angles follow
+    from products of d, n and the other normal.
     """
     x, y, z = oriented[p, 0], oriented[p, 1], oriented[p, 2]
     nx, ny, nz = oriented[p, 3], oriented[p, 4], oriented[p, 5]

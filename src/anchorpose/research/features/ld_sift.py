@@ -61,8 +61,8 @@ def ld_sift(surface: Surface, config: LdSiftConfig | None = None) -> np.ndarray:
     normal. The map is turned so that the longer principal axis of the area that the surface covers, such as a limb's
     direction, always has the same direction in the image. SIFT then describes the turned map. By default, pixels that
     no triangle covers are unknown and have no gradient, so that the end of the camera's view is not an edge. The
-    authors describe only detected points of closed meshes, at the scale of each point and turned by the gradients
-    around it. This function describes every node, always at the same scale.
+    authors compute descriptors only at detected points of closed meshes, at the scale of each point and turned by the
+    gradients around it. This function computes a descriptor for every node, always at the same scale.
     """
     config = config or LdSiftConfig()
     rings = rings_within(surface, config.radius_m * REACH)

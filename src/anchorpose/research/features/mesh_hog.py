@@ -17,7 +17,9 @@ from anchorpose.surface.surface import Surface
 
 
 class ScalarFunction(StrEnum):
-    """The function whose gradients are described. The authors' third function, colour, does not exist in depth data."""
+    """The function on the surface whose gradients MeshHOG describes. The third function that MeshHOG's authors use,
+    colour, does not exist in depth data.
+    """
 
     MEAN_CURVATURE = "mean-curvature"
     GAUSSIAN_CURVATURE = "gaussian-curvature"
@@ -28,7 +30,7 @@ TwoOrMore = Annotated[int, Field(ge=2)]
 
 @settings
 class MeshHogConfig:
-    """Settings of MeshHOG. The default values are the authors' values, except for both radii and the smoothing."""
+    """Settings of MeshHOG. The default values are from MeshHOG's authors, except for both radii and the smoothing."""
 
     # m; of the radii from 0.1 to 0.3 m, this radius distinguishes the most places of a body, at a computing time of
     # 0.1 s per frame
@@ -37,8 +39,8 @@ class MeshHogConfig:
     curvature_radius_m: Positive = 0.07
     function: ScalarFunction = ScalarFunction.MEAN_CURVATURE
     directions: Annotated[int, Field(ge=4)] = 36  # number of bins of the histogram for the local frame's first axis
-    # number of times that the histogram for the first axis is smoothed with the weights 1 : 2 : 1, since a node's
-    # neighbours on the pixel grid lie in only eight directions
+    # number of times that the histogram for the local frame's first axis is smoothed with the weights 1 : 2 : 1, since
+    # a node's neighbours on the pixel grid lie in only eight directions
     smoothing: Annotated[int, Field(ge=0)] = 16
     slices: TwoOrMore = 4  # number of sectors of each of the three planes, between which nodes are divided by position
     orientations: TwoOrMore = 8  # number of bins for the direction of the gradient in each of these sectors
@@ -59,11 +61,12 @@ def mesh_hog(surface: Surface, config: MeshHogConfig | None = None) -> np.ndarra
     with the largest gradients lie, and the direction perpendicular to both. Positions and gradients of the nodes within
     radius_m along the surface are projected onto the three planes of this frame. In each plane, the weight of such a
     node is the length of its projected gradient times a Gaussian of its distance. The weight is divided between the
-    slices nearest to the node's position and the orientations nearest to its gradient. Three things differ from the
-    authors' program, so that no result depends on the grid or on where bins begin: the histogram for the first axis is
-    smoothed; its peak is interpolated between bins that are counted from a direction that turns with the body; and a
-    gradient is weighted by the length of its projection, not by its own length. Sources: Zaharescu et al. 2009
-    (doi:10.1109/CVPRW.2009.5206748) and 2012 (doi:10.1007/s11263-012-0528-5).
+    slices (sectors of the plane) nearest to the node's position and the orientations (bins of direction) nearest to its
+    gradient. Three things differ from the authors' program, so that no result depends on the grid or on where bins
+    begin: the histogram by which the frame's first tangential direction is found is smoothed; its peak is interpolated
+    between bins that are counted from a direction that turns with the body; and a gradient is weighted by the length of
+    its projection, not by its own length. Sources: Zaharescu et al. 2009 (doi:10.1109/CVPRW.2009.5206748) and 2012
+    (doi:10.1007/s11263-012-0528-5).
     """
     config = config or MeshHogConfig()
     gradient = mesh_gradient(surface, scalar_function(surface, config))
@@ -155,7 +158,9 @@ def _to_local(
 
 @njit(cache=True)
 def _first_axis(local: np.ndarray, count: int, rounds: int, polar: np.ndarray) -> float:
-    """Return the angle (rad) of the first axis from the frame's first tangent; NaN if all gradients are zero."""
+    """Return the angle (rad) from the frame's first tangent to the local frame's first axis, the direction in which the
+    neighbours with the largest gradients lie; NaN if all gradients are zero.
+    """
     x, y, total = 0.0, 0.0, 0.0
     for c in range(count):
         size = np.sqrt(local[c, 0] ** 2 + local[c, 1] ** 2)
@@ -184,7 +189,9 @@ def _length(row: np.ndarray) -> float:
 
 @njit(cache=True)
 def _turn(local: np.ndarray, count: int, cosine: float, sine: float) -> None:
-    """Rotate positions and gradients so that angles count from the first axis."""
+    """Rotate the neighbours' positions and gradients about the normal so that angles count from the local frame's first
+    axis.
+    """
     for c in range(count):
         for column in (0, 3):
             x, y = local[c, column], local[c, column + 1]

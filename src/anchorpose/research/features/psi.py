@@ -53,7 +53,7 @@ def match_by_psi(
     source (k, 5), target (n, 5): metres. places_m (n, 3): positions of the target nodes. subsets: the result of
     ``subsets_with_pieces``; a filled-up subset applies only if paths lead from all its anchors, and from no other, to
     the node or its match. squared: True = as the paper's inequality is printed, the squared norm (m²) of the
-    differences of distance is below e_max (m); False = the norm itself is below e_max.
+    differences of distance is below e_max (m), the limit that ``gate`` sets; False = the norm itself is below e_max.
     """
     known = subsets != NONE
     distance = np.where(known, source[:, np.where(known, subsets, 0)], 0.0)

@@ -191,8 +191,9 @@ def triangle_frames(points_m: np.ndarray, triangles: Triangles, neighbours: Neig
     """Return (n, 3, 3) float32: rows x, y, z of the right-handed frame of each node; NaN if it has no triangle.
 
     points_m (n, 3) float32. The axes are principal axes of the surface, from all triangles with a corner within the
-    radius, with the weights of ``_scatter``: x lies along the surface's widest spread and z across the surface; each
-    points to the side with more surface. Source: Guo et al. 2013, Section 3.
+    radius, each weighted by its area times the squared distance of its centroid from the surface of the sphere with
+    this radius: x lies along the surface's widest spread and z across the surface; each points to the side with more
+    surface. Source: Guo et al. 2013, Section 3.
     """
     return _frames(points_m, neighbours, triangles)
 
@@ -228,7 +229,9 @@ def _frames(points: np.ndarray, neighbours: Neighbours, triangles: Triangles) ->
 def _list_triangles(
     node: int, c: int, first: np.ndarray, corner_of: np.ndarray, listed: np.ndarray, around: np.ndarray, count: int
 ) -> int:
-    """Add the triangles at a node that are not yet listed for node c; return the new number of listed triangles."""
+    """Add to ``around`` the triangles at ``node`` that are not yet listed for the node ``c``, whose neighbourhood
+    contains ``node``; return the new number of listed triangles.
+    """
     for spot in range(first[node], first[node + 1]):
         triangle = corner_of[spot]
         around[count] = triangle
@@ -246,7 +249,8 @@ def _scatter(
     Return the sum of the triangles' weights.
 
     The integral of p p^T over a triangle is, up to a factor, the scatter of its corners plus twelve times p p^T of its
-    centroid. A triangle's weight is its area times the squared distance of its centroid to the sphere's surface.
+    centroid. A triangle's weight is its area times the squared distance of its centroid from the surface of the sphere
+    with this radius about the point.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     lx, ly, lz, total = 0.0, 0.0, 0.0, 0.0

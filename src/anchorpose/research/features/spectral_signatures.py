@@ -134,7 +134,8 @@ def _lowest(matrix: csc_array, pairs: int, shift: float) -> tuple[np.ndarray, np
 
 
 def weighted_squares(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
-    """Return sum_i w_i phi_i(x)^2, (n, d) float64 in 1/m², at each node for weights (pairs, d).
+    """Return the weighted sums of squared eigenfunctions, sum_i w_i phi_i(x)^2, (n, d) float64 in 1/m², at each node x.
+    weights (pairs, d): for each of d sums, the weight w_i of each eigenfunction phi_i.
 
     NaN at nodes without triangles.
     """
@@ -172,11 +173,11 @@ def hks(spectrum: Spectrum, config: HksConfig | None = None) -> np.ndarray:
     """Return the heat kernel signature, (n, times) float32 in 1/m².
 
     The signature is the heat that remains at a node at time t if a unit of heat is put there at time 0: sum_i
-    exp(-lambda_i t) phi_i^2. Times are in m²: diffusivity is 1, so heat spreads over about one square metre in a time
-    of 1 m². The logarithms of the times are evenly spaced. If scaled, each time's column is divided by its integral
-    over the largest piece of surface, the heat trace. The signature is NaN at nodes without triangles, and everywhere
-    if times should come from a spectrum without positive eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009
-    (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
+    exp(-lambda_i t) phi_i^2, with the eigenvalues lambda_i and the eigenfunctions phi_i. Times are in m²: diffusivity
+    is 1, so heat spreads over about one square metre in a time of 1 m². The logarithms of the times are evenly spaced.
+    If scaled, each time's column is divided by its integral over the largest piece of surface, the heat trace. The
+    signature is NaN at nodes without triangles, and everywhere if times should come from a spectrum without positive
+    eigenvalues. Source: Sun, Ovsjanikov and Guibas 2009 (doi:10.1111/j.1467-8659.2009.01515.x), Section 4.
     """
     config = config or HksConfig()
     times_m2 = heat_times(spectrum, config)
@@ -256,11 +257,12 @@ class WksConfig:
 def wks(spectrum: Spectrum, config: WksConfig | None = None) -> np.ndarray:
     """Return the wave kernel signature, (n, energies) float32 in 1/m².
 
-    The signature is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2. w_i is a
-    Gaussian of log lambda_i around e, and the integral over the largest piece is 1. The signature is NaN at nodes
-    without triangles, and on a piece without positive eigenvalues, whose particles have no energy. Source: Aubry,
-    Schlickewei and Cremers 2011 (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies lie at least two standard
-    deviations of the Gaussian inside the range of log lambda_i, or inside the range that the configuration has.
+    The signature is the probability that a quantum particle of energy e is at a node: sum_i w_i(e) phi_i(x)^2, with the
+    eigenfunctions phi_i. The weight w_i is a Gaussian of the logarithm of the eigenvalue lambda_i around log e, and the
+    signature's integral over the largest piece of surface is 1. The signature is NaN at nodes without triangles, and on
+    a piece without positive eigenvalues, whose particles have no energy. Source: Aubry, Schlickewei and Cremers 2011
+    (doi:10.1109/ICCVW.2011.6130444), Sections 3 and 4. Energies lie at least two standard deviations of the Gaussian
+    inside the range of the logarithms of the positive eigenvalues, or inside the range that the configuration has.
     """
     config = config or WksConfig()
     moving = spectrum.positive
@@ -288,7 +290,7 @@ def _without_wave(spectrum: Spectrum) -> np.ndarray:
 def wave_energies(spectrum: Spectrum, config: WksConfig) -> tuple[np.ndarray, float]:
     """Return evenly spaced logarithms (energies,) of eigenvalues in 1/m², and the Gaussian's standard deviation.
 
-    Both are NaN if no eigenvalue is positive.
+    Both are NaN if fewer than two eigenvalues are positive and the configuration has no range.
     """
     positive = spectrum.eigenvalues[spectrum.positive]
     if config.range_per_m2 is not None:

@@ -201,7 +201,7 @@ def jitter_m(now: Observation, following: Observation, local: np.ndarray) -> np.
 
     e_1 is estimated as the median, over nodes, of the node's distance to the anchor minus the same distance of the
     node's match by the local descriptor alone. It is 0 for an anchor that no path reaches in one of the frames. local:
-    as in ``most_similar``.
+    squared deviations of the signatures, from each node to each node of the next frame.
     """
     jitter = np.zeros(len(ANCHOR_NAMES), np.float32)
     if len(now.surface) == 0 or len(following.surface) == 0:

@@ -150,8 +150,8 @@ def _next_joints(results: ExperimentResults, key: str, what: str, take: Callable
 
 
 def _all_sizes(results: ExperimentResults) -> list[tuple[Form, float, Column]]:
-    """Return (form, radius of the hole, column of the table) for the forms that fit parts to the surface, with the
-    sizes of hole that ``_columns`` leaves out.
+    """Return (form, radius of the hole, column of the table) for the forms (variants) of the paper's framework that fit
+    body parts to the surface, with the sizes of hole that ``_columns`` leaves out.
     """
     return [
         (form, hole, Column(f"{form} {hole:g}", f"{FORM_NAMES[form]}, {hole:.2f} m"))

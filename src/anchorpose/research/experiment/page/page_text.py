@@ -84,7 +84,8 @@ def _plural(verdict: Verdict, count: int) -> str:
 
 
 def _errors(results: ExperimentResults, tables: Sequence[Table]) -> str:
-    """Return as HTML the joint errors of the proposed method, its next generation, and each other family's best method.
+    """Return as HTML the joint errors of the proposed method, of the method "next generation" (anchors with the local
+    descriptor SHOT), and of each other family's best method.
 
     The best method of a family is the method with the smallest mean error at the largest hole.
     """

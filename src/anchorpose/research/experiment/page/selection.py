@@ -50,7 +50,7 @@ class Tracking:
     """The results of tracking in one form (variant) of the paper's framework, by scene, method and size of hole.
 
     Recordings are sorted by name. This project's tracker runs outside the paper's framework, so its results are
-    included in every form.
+    included whatever the form.
     """
 
     def __init__(self, results: ExperimentResults, form: Form = Form.REFINED) -> None:
@@ -155,7 +155,9 @@ WindowKey = tuple[str, float, int]
 
 
 class Matching:
-    """All matches in the paper's scene between frames a given time apart, in windows on which all methods ran."""
+    """All matches in the paper's scene between frames a given time apart, in the windows (pairs of such frames) on
+    which all methods ran.
+    """
 
     def __init__(self, results: ExperimentResults, gap_s: float | None = None) -> None:
         """Select the matches of one gap. gap_s: None = the shortest gap."""
@@ -174,9 +176,9 @@ class Matching:
         return sorted({hole for _, hole, _ in self.windows})
 
     def has_direct(self, method: str) -> bool:
-        """Return whether the method has matches without the tree.
+        """Return whether the method has direct matches, which are made without the track tree.
 
-        A method with several hypotheses has no direct matches, since only the tree can choose a hypothesis.
+        A method with several hypotheses has no direct matches, since only the track tree can choose among them.
         """
         return method in self._direct
 

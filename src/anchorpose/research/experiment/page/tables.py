@@ -70,7 +70,7 @@ def ratio_of(above: Sequence[np.ndarray], below: Sequence[np.ndarray], resamples
 
 
 def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the standard deviation of all values of all groups; groups: as in ``mean_over``."""
+    """Return the standard deviation of all values of all groups; a group has the values of one recording."""
     sums, counts = _sums(groups)
     squares, _ = _sums([np.asarray(group, dtype=np.float64) ** 2 for group in groups])
     if counts.sum() == 0:
@@ -88,7 +88,7 @@ def deviation_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
 
 
 def median_over(groups: Sequence[np.ndarray], resamples: int) -> Estimate:
-    """Return the median of all values of all groups; groups: as in ``mean_over``.
+    """Return the median of all values of all groups; a group has the values of one recording.
 
     The median is exact; the ends of its interval are rounded to ``MEDIAN_STEPS`` quantiles of the values.
     """

@@ -272,8 +272,8 @@ class TrackingClaims:
         return checks
 
     def _of(self, *families: Family) -> list[Method]:
-        """Return the methods of these families, except methods with a filter (see ``Update``), since such methods only
-        show the filter's effect.
+        """Return the methods of these families, except methods that update the whole pose by a filter: such methods
+        only show the effect of the filter.
         """
         every = self._methods
         return [method for method in every if method.family in families and method.update is Update.PARTS]

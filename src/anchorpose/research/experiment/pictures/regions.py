@@ -30,14 +30,17 @@ from anchorpose.surface.surface import Surface
 
 SHOWN_M: Final = 0.10  # m, distortion at the upper end of the colour scale
 ANCHOR: Final = VERMILLION  # colour of the anchor, which is red in the paper
-# colours of a hole's border: its bright part, its shadowed part (both as in the paper), and the rest
+# colours of a hole's border: its bright part, where distances are undistorted, its shadowed part, where distances are
+# distorted (both as in the paper), and the rest
 BRIGHT, SHADOWED, NEITHER = "#f0e442", "#000000", "#8c8c8c"
 LEAST_BLUE: Final = 0.25  # start of the scale in the colour map (0 to 1), so that small distortions are visible
 CUT_OFF: Final = (0.80, 0.47, 0.65)  # colour of nodes that the hole disconnects from the anchor
 
 
 def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> None:
-    """Draw distortion as colour, the hole's border with its bright and shadowed parts, and the anchor as a star."""
+    """Draw distortion as colour, the hole's border with its bright parts (undistorted distances) and shadowed parts
+    (distorted distances), and the anchor as a star.
+    """
     occlusion = light.occlusion
     _draw_distortion(axes, view, occlusion, light.distortion_m)
     for edges, colour, width in (
@@ -52,7 +55,9 @@ def draw_light(axes: Axes, view: View, light: Light, node: int, title: str) -> N
 
 
 def draw_together(axes: Axes, view: View, lights: Sequence[Light]) -> None:
-    """Draw, for each node, the smallest distortion over all anchors, and the union of the anchors' bright regions."""
+    """Draw, for each node, the smallest distortion over all anchors, and the union of the anchors' bright regions (the
+    parts of the hole's border with undistorted distances).
+    """
     occlusion = lights[0].occlusion
     with np.errstate(invalid="ignore"):
         least = np.min([light.distortion_m for light in lights], axis=0)
@@ -71,8 +76,9 @@ def _draw_distortion(axes: Axes, view: View, occlusion: Occlusion, distortion_m:
 def colour_of(distortion_m: np.ndarray, tolerance_m: float) -> np.ndarray:
     """Return the colours (n, 3), 0 to 1, of nodes with these distortions.
 
-    Up to the tolerance, nodes have the colour of the bare mesh. Above the tolerance, nodes are blue, darker for a
-    greater distortion up to ``SHOWN_M``. Nodes that the hole disconnects from the anchor have the colour ``CUT_OFF``.
+    Nodes with a distortion of at most ``tolerance_m`` have the colour of the bare mesh. Nodes with a greater distortion
+    are blue, darker for a greater distortion up to ``SHOWN_M``. Nodes that the hole disconnects from the anchor have
+    the colour ``CUT_OFF``.
     """
     from matplotlib import colormaps
 
