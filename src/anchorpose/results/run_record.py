@@ -138,8 +138,8 @@ class MatchedShares:
 
     @property
     def sentences(self) -> list[str]:
-        """Return sentences for people: on the mean share of nodes that were found again, and on the number of frames in
-        which no node was found again.
+        """Return sentences for people: on the mean share of nodes (points of the patient's surface) that were found
+        again in the next frame, and on the number of frames of which no node was found again.
         """
         known = [share for share in self.matched_share if share is not None]
         if not known:
@@ -176,7 +176,9 @@ class PoorInterval:
     """Successive frames, both ends included, in which the depth of one camera is too poor to locate joints, for the
     same reason.
 
-    worst: largest ``PoorDepth.amount`` of these frames; why: a sentence without its full stop.
+    worst: the largest amount in these frames (``PoorDepth.amount``): in m, the width of an edge or the height of a
+    step; for holes, the share of the patient's camera-facing skin without a usable reading. why: a sentence without its
+    full stop.
     """
 
     camera: str

@@ -170,8 +170,8 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the position of the pelvis (n, 3): the mean of the positions (n, 2, 3) that the two feet imply, weighted
-    by ``feet.stands`` and smoothed.
+    """Return the position of the pelvis (n, 3): the mean, weighted by ``feet.stands`` and smoothed, of wanted_m (n, 2,
+    3), the positions at which the left and the right leg end at their feet.
     """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
@@ -188,13 +188,13 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """Return the pitch (n, 2) of each foot about its ankle, radians, positive with toes down. A foot in the air keeps
-    its angle to the shank.
+    """Return the pitch (n, 2) of each foot about its ankle, radians, 0 = flat, positive with toes down. A foot in the
+    air keeps its angle to the shank.
     """
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
-    # pitch at which the toes would touch the floor
+    # pitch at which the toes of a foot in the air would touch the floor
     deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))
     return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
 

@@ -147,8 +147,8 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces. Place and direction are the means
-    of both feet, smoothed over time.
+    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces, radians to the left of +X. Place
+    and direction are the means of both feet, smoothed over time.
     """
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
@@ -197,7 +197,9 @@ def yaw_towards(here_m: np.ndarray, there_m: np.ndarray) -> float:
 
 
 def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
-    """Return places (2, 2) and yaws (2,) of the feet after the last step."""
+    """Return the places (2, 2), x and z, and the directions (2,), radians to the left of +X, of the feet after the last
+    step.
+    """
     places, yaws = footwork.places_m.copy(), footwork.yaws.copy()
     for step in footwork.steps:
         places[step.side], yaws[step.side] = step.place_m, step.yaw

@@ -159,7 +159,9 @@ def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.
 
 
 def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
-    """Return the mirror on the back wall at x = wall_m, room frame."""
+    """Return the mirror on the back wall, at x = wall_m in the room frame (patient at the origin, X away from the
+    camera).
+    """
     x = wall_m - BEHIND_MIRROR_M
     return Mirror(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), panel_triangles(panel, x))
 
