@@ -51,9 +51,10 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    # mean[k], spread[k]: state of frame k and its covariance, estimated from frames 0 to k
+    # mean[k], spread[k]: state (position, speed, acceleration) in frame k and its covariance, estimated from frames 0
+    # to k
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
-    # ahead[k], wide[k]: state and covariance predicted for frame k from frame k - 1
+    # ahead[k], wide[k]: state (position, speed, acceleration) in frame k and its covariance, predicted from frame k - 1
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]

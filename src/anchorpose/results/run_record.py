@@ -410,8 +410,8 @@ def recording_digest(inputs: Iterable[tuple[str, str]]) -> str | None:
     """Return one hash of all input files of the recording from which results were made, except the files of its trials;
     None if no input file is known.
 
-    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so this
-    single hash is compared instead.
+    inputs: name and SHA-256 of each input file. To find out whether results come from the same recording, this single
+    hash is compared, since the hashes of an hour's depth images fill a hundred megabytes.
     """
     files = sorted(f"{name} {sha}" for name, sha in inputs if not name.startswith(("events.", GIVEN)))
     return hashlib.sha256("\n".join(files).encode()).hexdigest() if files else None

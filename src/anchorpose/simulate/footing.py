@@ -107,7 +107,7 @@ def _lasts(span: tuple[int, int]) -> bool:
 
 
 def _weights(stands: Spans, rows: int) -> np.ndarray:
-    """Return (n,): 1 while the foot stands, 0 during a step, with smooth transitions of ``EASE_S``."""
+    """Return (n,): 1 while the foot stands, 0 during a step, with smooth transitions that last ``EASE_S`` seconds."""
     row, weight, fade = np.arange(rows), np.zeros(rows), EASE_S * CLIP_HZ
     for a, b in stands:
         came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)

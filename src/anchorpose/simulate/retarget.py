@@ -170,8 +170,8 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the position of the pelvis (n, 3): the mean, weighted by ``feet.stands`` and smoothed, of wanted_m (n, 2,
-    3), the positions at which the left and the right leg end at their feet.
+    """Return the position of the pelvis (n, 3): the mean of ``wanted_m``, weighted by ``feet.stands`` and smoothed.
+    wanted_m (n, 2, 3): positions of the pelvis at which the left leg, and the right leg, ends at its foot.
     """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
@@ -179,7 +179,9 @@ def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``, or below their
+    present height if that is less. Then lower both feet until one foot is on the floor.
+    """
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
@@ -188,8 +190,8 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """Return the pitch (n, 2) of each foot about its ankle, radians, 0 = flat, positive with toes down. A foot in the
-    air keeps its angle to the shank.
+    """Return the pitch (n, 2) of each foot about its ankle, radians, 0 = flat, positive with toes down. A foot at least
+    ``AIR_M`` above the floor keeps its angle to the shank, unless its toes would touch the floor.
     """
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)

@@ -79,7 +79,9 @@ class Movement:
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the growing strength (t,), 0 to 1, at x (t,): the time since the start as a share of ``rise_s``."""
+        """Return the share (t,) of the offsets that applies at x (t,), growing from 0 to 1. x: the time since the
+        start, divided by ``rise_s``, the time in which the offsets grow.
+        """
         return ease(x)
 
 

@@ -35,7 +35,7 @@ LEAST_PERCENTILE: Final = 5.0
 
 @settings
 class ExtensionConfig:
-    """Settings of when a knee counts as straight: if it is bent or hyperextended by at most ``straight_deg`` degrees."""
+    """Settings of when a knee counts as straight: bent or hyperextended by at most ``straight_deg`` degrees."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
