@@ -34,8 +34,8 @@ MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """The measures of how well the pose of one frame explains the frame's depth images, as the class ``Explanation``
-    holds them.
+    """The measures (of ``Explanation``) of how well the reported pose in one frame explains the depth images of this
+    frame.
 
     uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
     is lost or not seen at all. seen_past (5,): share of each part's camera-facing skin that a camera sees past, in the

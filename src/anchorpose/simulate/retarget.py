@@ -171,7 +171,8 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
     """Return the position of the pelvis (n, 3): the mean of ``wanted_m``, weighted by ``feet.stands`` and smoothed.
-    wanted_m (n, 2, 3): positions of the pelvis at which the left leg, and the right leg, ends at its foot.
+    wanted_m (n, 2, 3): the position of the pelvis at which the left leg ends at the left foot, and the position at
+    which the right leg ends at the right foot.
     """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)

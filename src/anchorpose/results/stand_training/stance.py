@@ -136,7 +136,7 @@ def _leg_length(joints: JointTable) -> float:
 @settings
 class UprightConfig:
     """Settings of when the patient counts as upright: from the frame in which thigh, pelvis and trunk all meet their
-    ``enter`` limits until a frame in which one of them passes its wider ``leave`` limit (hysteresis).
+    ``enter`` limits until a frame in which any of them passes its wider ``leave`` limit (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). If only the thigh were tested, kneeling and hanging over a rail would count as upright;

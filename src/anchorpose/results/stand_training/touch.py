@@ -20,7 +20,7 @@ NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 
 class Touch(NamedTuple):
-    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the largest ``Contact.seen_share`` (1 =
+    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the largest ``Contact.seen_share`` (1:
     cameras saw the whole touch) of these contacts, 0 without contacts.
     """
 

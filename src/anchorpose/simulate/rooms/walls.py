@@ -199,7 +199,9 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Return a doorway where each lane crosses the wall at z = side_m, as distances from the wall's front end."""
+    """Return a doorway where each lane crosses the side wall at z = side_m; its place is stated by distances from the
+    end of the wall that lies behind the camera.
+    """
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]
