@@ -41,8 +41,9 @@ class Effect:
     counts as real; None if none of its three parts is known. It is the larger of the error limit and the MDC95, plus
     the difference that trials of different length alone can cause. The error limit is the difference that errors of
     measurement alone exceed only 5 times in 100. The MDC95 is the minimal detectable change that repeated sessions have
-    shown. repeated: whether the MDC95 is at least as large as the error limit. design: ``PAIRS``, ``BLOCKS`` or
-    ``FREE``. why: the reason why the difference is not tested, if p is None.
+    shown. repeated: whether the MDC95 is at least as large as the error limit. design: how the order of conditions was
+    drawn: within pairs of trials (``PAIRS``), within blocks of trials (``BLOCKS``), or over all trials (``FREE``). why:
+    the reason why the difference is not tested, if p is None.
     """
 
     reference: str
@@ -133,10 +134,12 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
-    """Return how the order of conditions was drawn (``PAIRS``, ``BLOCKS`` or ``FREE``). Also return the indices of the
-    two conditions' trials, in the order of time, and the block of each of these trials.
+    """Return how the order of conditions was drawn: within pairs of successive trials (``PAIRS``), within the blocks
+    that the events file states (``BLOCKS``), or over all trials (``FREE``). Also return the indices of the two
+    conditions' trials, in the order of time, and the block of each of these trials.
 
-    A trial without a named block forms a block by itself, so it is not compared with any other trial.
+    A trial for which the events file leaves the block empty forms a block by itself, so it is not compared with any
+    other trial.
     """
     order = np.array(sorted(range(len(trials.rows)), key=lambda place: trials.rows[place].onset_s))
     order = np.array([place for place in order.tolist() if trials.rows[place].condition in names])
@@ -169,7 +172,7 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 @dataclass(frozen=True, slots=True)
 class Spread:
     """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: the difference that
-    errors of measurement alone exceed only 5 times in 100. Either is None if unknown.
+    errors of measurement alone exceed only 5 times in 100. Each of the two is None if it is unknown.
     """
 
     half: float | None

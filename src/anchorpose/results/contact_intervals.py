@@ -102,7 +102,7 @@ class _Open:
     gap_m: float = np.inf
 
     def add(self, now: tuple[int, float], touch: _Touch) -> None:
-        """Add a touch; now: number and time of its frame."""
+        """Add the evidence of one more frame to the contact; now: number and time of this frame."""
         self.begun |= touch.begins
         self.last, self.skin = now, touch.skin
         self.frames += 1

@@ -51,9 +51,9 @@ class ContactEvaluation:
 def score_contacts(
     table: Path, truth: Path, frame: np.ndarray, rows: np.ndarray
 ) -> tuple[ContactEvaluation | None, ContactEvaluation | None]:
-    """Evaluate the contacts of a contacts.parquet: with people, then with equipment. Each result is None if the truth
-    does not state such contacts. The result for equipment is also None if tracking did not search for contacts with
-    equipment.
+    """Evaluate the contacts of a contacts.parquet; return the scores of contacts with people, then of contacts with
+    equipment. Each result is None if the truth does not state such contacts. The result for equipment is also None if
+    tracking did not search for contacts with equipment.
 
     rows (t,): indices of the compared frames of the truth; frame (t,): for each of them, the number of the matching
     frame of the result.

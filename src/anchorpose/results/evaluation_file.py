@@ -19,7 +19,9 @@ MARK: Final = '"matched_frames"'
 
 
 def write_evaluation(path: Path, evaluation: Evaluation) -> None:
-    """Write the evaluation as JSON: errors of all joints together, per joint and per state, then all other fields."""
+    """Write the evaluation as JSON: errors of all joints together, of each joint, and of the joints in each state (such
+    as ``hidden_by_self``), then all other fields.
+    """
     contacts, supports, session = evaluation.contacts, evaluation.supports, evaluation.session
     document = {
         **as_json(evaluation.overall),
@@ -99,8 +101,9 @@ def angle_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
 
 
 def event_rows(evaluation: Evaluation) -> list[tuple[str, ...]]:
-    """Return rows of text, one per kind of event: how many occur in the truth, are found, are found in time and are
-    falsely found, and the mean delay in s. The list is empty unless the truth is that of a simulated session.
+    """Return rows of text, one per kind of event: how many occur in the truth; how many of these were found; how many
+    were found with an onset within ``IN_TIME_S`` of the true onset; how many reported events match no true event; and
+    the mean delay in s. The list is empty unless the truth is that of a simulated session.
     """
     return [
         (

@@ -22,8 +22,8 @@ PART_NAMES: Final = ("trunk", "arm_left", "leg_left", "arm_right", "leg_right")
 """Names of the body parts in ``Explanation.seen_past``, in the same order; the trunk includes the head."""
 
 CM2_PER_M2: Final = 1e4
-# cm2, minimum uncovered area that counts as bad: the area of a hand; clothes and other people's grips cause up to 40
-# cm2
+# cm2, minimum area of the patient's seen surface not near the reported body (uncovered area) that counts as bad: the
+# area of a hand; clothes and other people's grips cause up to 40 cm2
 UNCOVERED_CM2: Final = 80.0
 # minimum share of a part's skin that a camera sees past, for the part to count as badly placed; correctly placed parts
 # have less
@@ -34,8 +34,8 @@ MOST_MOMENTS: Final = 5  # maximum number of badly explained moments in run.json
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExplainedFrame:
-    """The measures of how well the pose of one frame explains the frame's depth images, as the class ``Explanation``
-    holds them.
+    """The measures (of ``Explanation``) of how well the reported pose in one frame explains the depth images of this
+    frame.
 
     uncovered_cm2: area of the patient's seen surface that is not near the skin of the reported body; NaN if the patient
     is lost or not seen at all. seen_past (5,): share of each part's camera-facing skin that a camera sees past, in the
@@ -88,7 +88,7 @@ def explained_frame(frame: int, time_s: float, explanation: Explanation | None) 
 def unexplained(table: ExplainedTable) -> np.ndarray:
     """Return the badness (n,) of each frame's explanation. It is the larger of two ratios: the uncovered area divided
     by ``UNCOVERED_CM2``, and the largest share of a part that is seen past divided by ``SEEN_PAST``. If the badness is
-    1 or more, a limb is probably not at the place that the result reports. The result is NaN if neither quantity is
+    1 or more, a limb is probably not at the place that the result reports. The badness is NaN if neither ratio is
     known.
     """
     past = np.fmax.reduce(table.seen_past / SEEN_PAST, axis=1)
@@ -106,8 +106,8 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class ExplainedSummary:
-    """The summary in run.json: the share of frames with an uncovered area of at least ``uncovered_limit_cm2``, and the
-    worst moments.
+    """The summary in run.json: the share of frames in which at least ``uncovered_limit_cm2`` of the patient's seen
+    surface is uncovered (not near the reported body), and the worst moments.
 
     known_frames: number of frames in which the uncovered area is known; uncovered_share: share of these frames whose
     uncovered area reaches the limit, None if the area is known in no frame.
@@ -120,7 +120,9 @@ class ExplainedSummary:
 
 
 def summarise(table: ExplainedTable) -> ExplainedSummary:
-    """Compute the share of frames with at least ``UNCOVERED_CM2`` of uncovered surface, and the worst moments."""
+    """Compute the share of frames with at least ``UNCOVERED_CM2`` of uncovered surface (seen surface that is not near
+    the reported body), and the worst moments.
+    """
     known = table.uncovered_cm2[np.isfinite(table.uncovered_cm2)]
     share = float((known >= UNCOVERED_CM2).mean()) if len(known) else None
     return ExplainedSummary(UNCOVERED_CM2, len(known), share, worst_moments(table))

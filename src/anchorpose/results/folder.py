@@ -141,7 +141,9 @@ def free_name(path: Path) -> Path:
 
 
 def _keep_foreign(old: Path, own: Sequence[str], kept: Path) -> None:
-    """Delete the files in ``old`` that the command wrote, and move the folder to ``kept`` if other files remain."""
+    """Delete the files in ``old`` that match a pattern in ``own``, and move the folder to ``kept`` if other files
+    remain.
+    """
     for file in [file for file in old.rglob("*") if not file.is_dir() or file.is_symlink()]:
         if any(fnmatch(file.relative_to(old).as_posix(), pattern) for pattern in own):
             file.unlink()

@@ -55,7 +55,7 @@ class Numbers:
         return [pa.field(name, self.type) for name in self.names]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the columns that hold ``values`` in the file."""
+        """Convert ``values``, the array of numbers in memory, to the columns of the file."""
         flat = values.astype(self.type.to_pandas_dtype(), copy=False).reshape(-1, len(self.names))
         return [pa.array(column, self.type, from_pandas=True) for column in flat.T]
 
@@ -81,7 +81,7 @@ class Codes:
         return [pa.field(self.name, pa.string(), nullable=False)]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the column that holds ``values`` in the file."""
+        """Convert ``values``, the codes in memory, to the column of texts in the file."""
         return [pa.array(np.array(self.texts, dtype=object)[values.ravel()], pa.string())]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:
@@ -100,7 +100,7 @@ class Flags:
         return [pa.field(self.name, pa.bool_())]
 
     def to_arrow(self, values: np.ndarray) -> list[pa.Array]:
-        """Return the column that holds ``values`` in the file."""
+        """Convert ``values``, the flags in memory, to the column of booleans in the file."""
         return [pa.array(values == 1, mask=values == UNKNOWN)]
 
     def to_numpy(self, path: Path, table: pa.Table, remedy: str) -> np.ndarray:

@@ -41,8 +41,8 @@ def usual_step_s(time_s: np.ndarray) -> float:
 
 
 def longest_even_step_s(time_s: np.ndarray) -> float:
-    """Return the maximum time in s between successive frames; in a longer gap, a frame is missing, and filters must not
-    bridge this gap. The result is NaN for fewer than two frames.
+    """Return the time in s between successive frames above which a frame counts as missing between them; filters must
+    not bridge such a gap. The result is NaN for fewer than two frames.
     """
     return LONGEST_STEP * usual_step_s(time_s)
 

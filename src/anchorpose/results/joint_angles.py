@@ -140,7 +140,8 @@ def hip_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     bent, z = length(normal), unit(-normal)
     aside, along = dot(across, cross(y, z)), dot(across, z)
     inwards = -1.0 if side == "Left" else 1.0
-    # ``along`` is negative if the leg is bent backwards, which reverses the normal
+    # ``along`` is negative if the leg is bent backwards, since this reverses the normal of the plane through hip, knee
+    # and ankle
     hinged = (bent >= np.sin(PLANE_KNOWN_RAD)) & (along > 0)
     return ((inwards * np.arctan2(-aside, along), np.where(hinged, bent * np.hypot(aside, along), 0.0)),)
 
@@ -208,11 +209,11 @@ def shoulder_rotation(points: Points, side: str) -> tuple[Reading, ...]:
     The angle is 0 if the forearm of the hanging arm points forward. It is positive if the arm is rotated inwards, so
     that the hand moves towards the other side of the body.
 
-    The angle is computed from the arm's rotation relative to the trunk. The shortest rotation from the hanging arm to
-    the arm's direction is removed from it; the remaining rotation is about the long axis. ISB's third angle is not
-    used, since it is undetermined for a hanging arm, the usual posture of patients. An arm that is within
-    ``PLANE_KNOWN_RAD`` of straight or of folded has no reliable plane, and so no value. An arm that is raised high has
-    no value either, since near overhead the shortest rotation is undetermined.
+    The angle is computed from the arm's rotation relative to the trunk. From this rotation, the shortest rotation that
+    takes the hanging arm to the arm's direction is removed; the remaining rotation is about the arm's long axis. ISB's
+    third angle is not used, since it is undetermined for a hanging arm, the usual posture of patients. An arm that is
+    within ``PLANE_KNOWN_RAD`` of straight or of folded has no reliable plane, and so no value. An arm that is raised
+    high has no value either, since near overhead the shortest rotation is undetermined.
     """
     shoulder, elbow, wrist = (points[f"{name}{side}"] for name in ("Shoulder", "Elbow", "Wrist"))
     trunk, y = trunk_axes(points), unit(shoulder - elbow)
@@ -296,7 +297,8 @@ core's cache.
 
 def angles_with_sigma(group: AngleGroup, position_m: np.ndarray, sigma_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a group's angles and their standard deviations, (k, n) radians each; NaN where a joint is lost, or where
-    the lever (``Reading``) is below ``LEAST_LEVER``: the joints then determine the angle too poorly.
+    the joints determine the angle too poorly: the angle's lever, a number from 0 to 1 that states how well they
+    determine it (``Reading``), is then below ``LEAST_LEVER``.
 
     position_m (21, 3, n), sigma_m (21, n): errors are assumed independent between joints and axes. To find the error of
     an angle, each coordinate of its joints is moved by its sigma in both directions. A derivative is not used, since

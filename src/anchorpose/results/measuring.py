@@ -225,7 +225,7 @@ def _quiet_session(
 
 def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> list[Event]:
     """Return buckling knees, failed stands and recovery steps of a session, in this order, each kind in the order of
-    time. ``session.episodes`` must contain the transitions.
+    time. ``session.episodes`` must contain the transitions between sitting and standing.
     """
     return [
         *find_buckles(session, config.events),
@@ -237,8 +237,8 @@ def find_events(session: Session, steps: list[Step], config: MeasureConfig) -> l
 def _measures(
     session: Session, moves: list[Transition], steps: list[Step], events: list[Event], config: MeasureConfig
 ) -> list[Measure]:
-    """Return every measure of a whole session, or of a session that was cut to a trial. moves, steps, events: the
-    transitions, steps and events in it.
+    """Return every measure of a whole session, or of a session that was cut to a trial. moves: the transitions between
+    sitting and standing in this session; steps, events: the steps and the events in it.
     """
     return [
         *time_measures(session),

@@ -51,9 +51,10 @@ def _smoothed_backwards(
     position, speed and acceleration.
     """
     count = len(position_m)
-    # mean[k], spread[k]: state of frame k and its covariance, estimated from frames 0 to k
+    # mean[k], spread[k]: state (position, speed, acceleration) in frame k and its covariance, estimated from frames 0
+    # to k
     mean, spread = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
-    # ahead[k], wide[k]: state and covariance predicted for frame k from frame k - 1
+    # ahead[k], wide[k]: state (position, speed, acceleration) in frame k and its covariance, predicted from frame k - 1
     ahead, wide = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     mean[0, 0] = position_m[0]
     spread[0, 0, 0] = variance[0]
@@ -81,7 +82,8 @@ def _motion(step_s: float) -> np.ndarray:
 @njit(cache=True)
 def _random_walk(step_s: float) -> np.ndarray:
     """Return the covariance (3, 3) of position, speed and acceleration that a random walk of the acceleration adds in
-    step_s seconds, if the ``jerk`` of the walk (see ``smooth_stretch``) is 1.
+    step_s seconds. The ``jerk`` of the walk is taken as 1: in t seconds, the standard deviation of the acceleration
+    grows to sqrt(t).
     """
     h = step_s
     return np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
@@ -125,16 +127,18 @@ def highest_cutoff_hz(rate_hz: float) -> float:
 
 
 def shortest_frames(rate_hz: float, cutoff_hz: float) -> int:
-    """Return the minimum number of frames to filter: two periods of the cutoff, and more than the filter's padding."""
+    """Return the minimum number of frames to filter: at least two periods of the cutoff frequency, and more frames than
+    the filter pads at each end.
+    """
     return max(3 * (2 * _ORDER + 1) + 1, int(np.ceil(2.0 * rate_hz / cutoff_hz)))
 
 
 def low_pass(values: np.ndarray, rate_hz: float, cutoff_hz: float) -> np.ndarray:
     """Filter values (n, ...) along the first axis by a Butterworth low-pass of effective order four, without delay.
 
-    rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: the frequency at which the two passes
-    together are 3 dB down. Raises ValueError if the cutoff is not below ``highest_cutoff_hz``, or if values has fewer
-    rows than ``shortest_frames``.
+    rate_hz: rate of the values, which are evenly spaced and finite. cutoff_hz: the frequency at which the forward and
+    the backward pass together weaken an oscillation by 3 dB. Raises ValueError if the cutoff is not below
+    ``highest_cutoff_hz``, or if values has fewer rows than ``shortest_frames``.
     """
     # imported here, since the import takes a third of a second and few recordings are filtered
     from scipy.signal import butter, sosfiltfilt
@@ -253,8 +257,9 @@ def _weights(missing_s: np.ndarray, around_s: np.ndarray) -> np.ndarray:
 def _trial_error(
     time_s: np.ndarray, position_m: np.ndarray, known: np.ndarray, reach: int, missing: int
 ) -> np.ndarray | None:
-    """Return the root-mean-square error (missing,) per axis of filling a trial gap of ``missing`` frames where the
-    joint is known; None if the recording has too few places for trial gaps.
+    """Return the root-mean-square error (missing,) per axis of filling a gap of ``missing`` frames. To measure this
+    error, such gaps are cut wherever the joint is known; the result is None if the recording has fewer than
+    ``LEAST_TRIALS`` places for them.
     """
     span = missing + 2 * reach
     if len(time_s) < span:

@@ -138,8 +138,8 @@ class MatchedShares:
 
     @property
     def sentences(self) -> list[str]:
-        """Return sentences for people: on the mean share of nodes that were found again, and on the number of frames in
-        which no node was found again.
+        """Return sentences for people: on the mean share of nodes (points of the patient's surface) that were found
+        again in the next frame, and on the number of frames of which no node was found again.
         """
         known = [share for share in self.matched_share if share is not None]
         if not known:
@@ -176,7 +176,9 @@ class PoorInterval:
     """Successive frames, both ends included, in which the depth of one camera is too poor to locate joints, for the
     same reason.
 
-    worst: largest ``PoorDepth.amount`` of these frames; why: a sentence without its full stop.
+    worst: the largest amount in these frames (``PoorDepth.amount``): in m, the width of an edge or the height of a
+    step; for holes, the share of the patient's camera-facing skin without a usable reading. why: a sentence without its
+    full stop.
     """
 
     camera: str
@@ -408,8 +410,8 @@ def recording_digest(inputs: Iterable[tuple[str, str]]) -> str | None:
     """Return one hash of all input files of the recording from which results were made, except the files of its trials;
     None if no input file is known.
 
-    inputs: name and SHA-256 of each input file. The hashes of an hour's depth images fill a hundred megabytes, so this
-    single hash is compared instead.
+    inputs: name and SHA-256 of each input file. To find out whether results come from the same recording, this single
+    hash is compared, since the hashes of an hour's depth images fill a hundred megabytes.
     """
     files = sorted(f"{name} {sha}" for name, sha in inputs if not name.startswith(("events.", GIVEN)))
     return hashlib.sha256("\n".join(files).encode()).hexdigest() if files else None

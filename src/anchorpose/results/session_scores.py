@@ -266,7 +266,7 @@ def score_times(found: Sequence[Measure], true: Sequence[Measure]) -> TimeScore:
 def _paired(found: Sequence[Measure], true: Sequence[Measure]) -> list[tuple[Measure, Measure]]:
     of_truth = {(row.key, row.condition, row.trial): row for row in true}
     asked = [row for row in found if row.unit == "s" and any(part in row.measure for part in INDEPENDENCE)]
-    # without the means over a condition's trials
+    # measures of the recording and of single trials; means over the trials of a condition are left out
     whole = [row for row in asked if (row.condition is None) == (row.trial is None)]
     return [(row, of_truth[row.key, row.condition, row.trial]) for row in whole]
 

@@ -56,7 +56,7 @@ class JointFrame:
 
     @property
     def state_code(self) -> np.ndarray:
-        """Return the ``STATE_CODE`` (21,) int8 of each joint's state."""
+        """Return (21,) int8: the code (``STATE_CODE``) of each joint's state."""
         return np.array([STATE_CODE[state] for state in self.state], dtype=np.int8)
 
 

@@ -282,7 +282,7 @@ def _up(joints_m: np.ndarray) -> np.ndarray:
 
 
 def _trunk_tilt_deg(joints_m: np.ndarray) -> float:
-    """Return the median angle between the trunk and the vertical; NaN where unknown."""
+    """Return the median, over the frames, of the angle between the trunk and the vertical; NaN if unknown."""
     up = _up(joints_m)
     across = np.hypot(up[:, 0], up[:, 2])
     return float(_median(np.degrees(np.arctan2(across, up[:, 1]))[:, None])[0])
@@ -313,8 +313,8 @@ MIRRORED: Final = Sides(exchanged=False, mirrored=True)
 
 
 def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, float]:
-    """Return the median distance (m) of the results' joints from the true joints, and from the mirrored true joints,
-    each after the rotation about the vertical and the translation that fit best.
+    """Return the median distance (m), over frames and joints, of the results' joints from the true joints, and from the
+    mirrored true joints, each after the rotation about the vertical and the translation that fit best.
 
     Left and right labels are kept or exchanged, whichever fits better, since a patient may have been tracked back to
     front.
@@ -328,8 +328,8 @@ def _misfit_by_sides(ours_m: np.ndarray, truth_m: np.ndarray) -> dict[Sides, flo
 
 
 def _misfit_m(ours_m: np.ndarray, truth_m: np.ndarray) -> float:
-    """Return the median distance between joints after the rotation about the vertical and the translation that fit
-    best, by least squares; inf where unknown.
+    """Return the median distance in m, over frames and joints, between the positions in ``ours_m`` and ``truth_m``,
+    after the rotation about the vertical and the translation that fit best, by least squares; inf where unknown.
     """
     known = np.isfinite(ours_m).all(axis=2) & np.isfinite(truth_m).all(axis=2)
     if not known.any():

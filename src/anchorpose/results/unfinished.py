@@ -78,8 +78,8 @@ def unfinished_results(
 
 
 def begun_identity(path: Path) -> str | None:
-    """Return the identity of the unfinished run into ``path`` (see ``begin_journal``); None if no unfinished run
-    exists, or its identity cannot be read.
+    """Return the identity of the unfinished run into ``path``: a hash of inputs, settings and code, or for a live
+    session a text that begins with ``LIVE``; None if no unfinished run exists, or its identity cannot be read.
     """
     work = _work_of(path)
     try:
@@ -166,8 +166,9 @@ def _keep_one_journal(work: Path) -> bool:
 
 
 def _has_stored(journal: Path) -> bool:
-    """Return whether a journal holds progress of a run: more than ``BEGUN_FILE`` and ``FIRST_SECONDS``. A journal that
-    is not a folder counts too, so that it is kept.
+    """Return whether a journal holds progress of a run: complete files or folders other than ``BEGUN_FILE`` (the run's
+    identity) and ``FIRST_SECONDS`` (the first seconds of a live session). A journal that is not a folder counts too, so
+    that it is kept.
     """
     if not journal.is_dir():
         return os.path.lexists(journal)

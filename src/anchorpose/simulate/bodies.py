@@ -17,7 +17,8 @@ from anchorpose.simulate.choices import BraceName, Build
 
 BUILDS: Final[tuple[Build, ...]] = get_args(Build)
 
-# relative standard deviations of the length and the girth of each limb segment
+# relative standard deviations, between bodies, of the length (first line) and of the girth (second line) of each limb
+# segment
 LENGTH_SPREAD: Final = {"UpLeg": 0.05, "Leg": 0.04, "Arm": 0.04, "ForeArm": 0.045, "Hand": 0.04, "Foot": 0.05}
 GIRTH_SPREAD: Final = {"UpLeg": 0.06, "Leg": 0.06, "Arm": 0.07, "ForeArm": 0.06, "Hand": 0.04, "Foot": 0.04}
 TRUNK: Final = ("LowerBack", "Spine", "Spine1")

@@ -30,8 +30,9 @@ class KneeBend:
 
 
 def knee_bend(flexion: np.ndarray, carry: np.ndarray, lift: np.ndarray) -> KneeBend | None:
-    """Return the bend of the knees; None if the legs never carry the pelvis, that is, never determine its height.
-    lift (t, 2): height of each foot above the floor, as a share of the height of a step.
+    """Return the bend of the knees; None if the legs never carry the pelvis, that is, never determine its height. carry
+    (t, 2): 1 where the leg determines the height of the pelvis, 0 where the posture determines it; lift (t, 2): height
+    of each foot above the floor, as a share of the height of a step.
     """
     if not carry.any():
         return None

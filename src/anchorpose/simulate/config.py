@@ -136,7 +136,7 @@ def _check_equipment(config: SimulationConfig) -> None:
     for motion in config.motions:
         _require(motion in ("mixed", *MOTIONS), f"motion must be mixed or one of {MOTIONS}, got {motion}")
     captured = config.movement_file is not None
-    # only motions are tested here: a standing frame is fitted around a captured movement and leaves space for it
+    # a captured movement is not tested: a standing frame is fitted around it and leaves space for it
     in_frame = config.equipment == "standing-frame" and not captured
     clash = FRAMELESS_MOTIONS.intersection(config.motions) if in_frame else frozenset()
     _require(not clash, f"{', '.join(sorted(clash))} does not fit into a standing frame; choose other equipment")

@@ -16,8 +16,8 @@ from anchorpose.simulate.movement_file import CLIP_HZ
 from anchorpose.simulate.timeline import STEP_HEIGHT_M, ease
 
 WAVER_M: Final = 0.06  # m, maximum rise of a standing foot's captured ankle; a rise as small as this is noise
-# m; an ankle's rise of up to ``WAVER_M`` counts as 0, a rise of at least ``WAVER_M`` + ``CLEAR_M`` counts fully, and a
-# rise between these limits counts in part
+# m; an ankle's rise above its height on the floor counts as a lift of the foot: not at all up to ``WAVER_M``, fully
+# from ``WAVER_M`` + ``CLEAR_M`` on, and in part between these limits
 CLEAR_M: Final = 0.06
 # m, maximum rise and travel of an ankle if only the heel has left the floor
 HIGHEST_HEEL_M, FARTHEST_HEEL_M = 0.15, 0.15
@@ -107,7 +107,7 @@ def _lasts(span: tuple[int, int]) -> bool:
 
 
 def _weights(stands: Spans, rows: int) -> np.ndarray:
-    """Return (n,): 1 while the foot stands, 0 during a step, with smooth transitions of ``EASE_S``."""
+    """Return (n,): 1 while the foot stands, 0 during a step, with smooth transitions that last ``EASE_S`` seconds."""
     row, weight, fade = np.arange(rows), np.zeros(rows), EASE_S * CLIP_HZ
     for a, b in stands:
         came = np.ones(rows) if a == 0 else ease((row - a) / fade + 1.0)
@@ -142,8 +142,8 @@ def _step_lift(place_m: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def _yaws(toes: np.ndarray, stands: Spans) -> np.ndarray:
-    """Return the foot's direction (n,), radians to the left, constant while it stands. toes (n, 3): captured directions
-    of the foot.
+    """Return the foot's direction (n,), radians to the left of +X, constant while the foot stands. toes (n, 3):
+    captured directions of the foot.
     """
     yaw = np.arctan2(-toes[:, 2], toes[:, 0])
     known, value = [], []

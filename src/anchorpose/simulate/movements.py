@@ -136,13 +136,16 @@ def timed(rng: np.random.Generator, offsets: Offsets, start_s: float, pace: floa
 
 
 class GivingWay(Movement):
-    """A movement that begins like a fall: it accelerates evenly, and slows down in the last third of ``rise_s``."""
+    """A movement that begins like a fall: it accelerates evenly, and slows down in the last third of ``rise_s``, the
+    time in which its offsets grow.
+    """
 
     __slots__ = ()
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the strength of the movement, which grows from 0 to 1, at x: the time since the start as a share of
-        ``rise_s``. When the movement begins to slow, its speed is twice the average.
+        """Return the share of the movement's offsets that applies at x, growing from 0 to 1. x: the time since the
+        start, divided by ``rise_s``, the time in which the offsets grow. When the movement begins to slow, its speed is
+        twice the average.
         """
         x = np.clip(x, 0.0, 1.0)
         return np.asarray(np.where(x < 2.0 / 3.0, 1.5 * x**2, 1.0 - 3.0 * (1.0 - x) ** 2))

@@ -272,7 +272,8 @@ def _reach(
     limb: RestLimb, start_m: np.ndarray, goal_m: np.ndarray, pole: np.ndarray, full: float = FULL_REACH
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return world rotations (t, 3, 3) of both bones of a limb that starts at ``start_m`` and ends at ``goal_m``. The
-    middle joint bends towards ``pole``. If the goal is out of reach, the limb points at it.
+    middle joint (knee or elbow) moves aside in the direction ``pole``, world. If the goal is out of reach, the limb
+    points at it.
     """
     first_m, second_m = limb.lengths
     gap = goal_m - start_m

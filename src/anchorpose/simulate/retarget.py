@@ -170,8 +170,9 @@ def _sole_m(body: BodyMesh) -> np.ndarray:
 
 
 def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
-    """Return the position of the pelvis (n, 3): the mean of the positions (n, 2, 3) that the two feet imply, weighted
-    by ``feet.stands`` and smoothed.
+    """Return the position of the pelvis (n, 3): the mean of ``wanted_m``, weighted by ``feet.stands`` and smoothed.
+    wanted_m (n, 2, 3): the position of the pelvis at which the left leg ends at the left foot, and the position at
+    which the right leg ends at the right foot.
     """
     weight = np.maximum(feet.stands, 1e-3)[..., None]
     pelvis = (weight * wanted_m).sum(axis=1) / weight.sum(axis=1)
@@ -179,7 +180,9 @@ def _carried_pelvis(feet: Footing, wanted_m: np.ndarray) -> np.ndarray:
 
 
 def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
-    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``."""
+    """Move feet in the air to the ends of the legs (n, 2, 3), but not below half of ``STEP_HEIGHT_M``, or below their
+    present height if that is less. Then lower both feet until one foot is on the floor.
+    """
     place = feet.place_m + (1.0 - feet.stands)[..., None] * (leg_end_m - feet.place_m)
     least_m = np.minimum(feet.place_m[..., 1], 0.5 * STEP_HEIGHT_M)
     place[..., 1] = np.maximum(place[..., 1], least_m)
@@ -188,13 +191,13 @@ def _swung(feet: Footing, leg_end_m: np.ndarray) -> Footing:
 
 
 def _hanging_pitch(capture: Capture, feet: Footing, foot_m: float) -> np.ndarray:
-    """Return the pitch (n, 2) of each foot about its ankle, radians, positive with toes down. A foot in the air keeps
-    its angle to the shank.
+    """Return the pitch (n, 2) of each foot about its ankle, radians, 0 = flat, positive with toes down. A foot at least
+    ``AIR_M`` above the floor keeps its angle to the shank, unless its toes would touch the floor.
     """
     shank = capture.legs[:, :, 1]
     ahead = shank[..., 0] * np.cos(feet.yaw) - shank[..., 2] * np.sin(feet.yaw)
     pitch = TOES_DOWN_RAD - np.arctan2(ahead, -shank[..., 1])
-    # pitch at which the toes would touch the floor
+    # pitch at which the toes of a foot in the air would touch the floor
     deepest = np.arcsin(np.clip(feet.place_m[..., 1] / foot_m, 0.0, 1.0))
     return np.asarray(ease(feet.place_m[..., 1] / AIR_M) * np.minimum(pitch, deepest))
 

@@ -182,7 +182,9 @@ def intrinsics_of(spec: SensorSpec, lens: str | None) -> Intrinsics:
 
 
 def draw_wiggle(rng: np.random.Generator, spec: SensorSpec) -> np.ndarray:
-    """Draw the smooth error (height, width) float32, metres, of one device, which is the same in all images."""
+    """Draw one device's error of depth (height, width) float32, metres, which varies smoothly over the image and is the
+    same in all images.
+    """
     import cv2
 
     coarse = rng.normal(0.0, spec.wiggle_m, (6, 7)).astype(np.float32)

@@ -25,7 +25,8 @@ from anchorpose.simulate.sensor import SENSORS, draw_wiggle
 # m, the curtain's distance from the patient (more than an arm's length), half its width, and its height
 CURTAIN_M, CURTAIN_HALF_WIDTH_M, CURTAIN_HEIGHT_M = 1.0, 1.3, 2.2
 BACKGROUND_FRAMES = 9  # number of images of the empty room; the median of these images is stored
-# m; maximum difference between the depth of seen skin and the depth in its pixel; a pixel is 7 mm wide at 2.5 m
+# m; maximum difference between the depth of seen skin and the depth in its pixel; about four times the width of a pixel
+# (7 mm at 2.5 m), since the depth of slanted skin varies within a pixel
 SAME_SKIN_M: Final = 0.03
 
 

@@ -67,8 +67,8 @@ class Therapist:
         person = self.actor.person
         channels = self.actor.channels(times_s)
         place_m, normal = skin_points(patient.person, patient_bones, self.hold.vertices)
-        # a patient with a captured movement may sit down, farther than a therapist can follow; so leaning and crouching
-        # are limited
+        # a patient with a captured movement may sit down, farther than the therapist's body can follow; so the
+        # therapist's leaning and crouching are limited
         captured = isinstance(patient, CapturedActor)
         _follow(channels, self.hold, place_m, LEAN_M if captured else FARTHEST_FOLLOW_M)
         if captured:

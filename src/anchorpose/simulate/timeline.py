@@ -79,7 +79,9 @@ class Movement:
         return coming - ease((times_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s)
 
     def coming(self, x: np.ndarray) -> np.ndarray:
-        """Return the growing strength (t,), 0 to 1, at x (t,): the time since the start as a share of ``rise_s``."""
+        """Return the share (t,) of the offsets that applies at x (t,), growing from 0 to 1. x: the time since the
+        start, divided by ``rise_s``, the time in which the offsets grow.
+        """
         return ease(x)
 
 
@@ -147,8 +149,8 @@ def foot_track(footwork: Footwork, times_s: np.ndarray) -> FootTrack:
 
 
 def body_course(footwork: Footwork, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces. Place and direction are the means
-    of both feet, smoothed over time.
+    """Return the body's place (t, 2), x and z, and the direction (t,) that it faces, radians to the left of +X. Place
+    and direction are the means of both feet, smoothed over time.
     """
     weights = np.hanning(9)[1:-1]
     place, yaw = np.zeros((len(times_s), 2)), np.zeros(len(times_s))
@@ -197,7 +199,9 @@ def yaw_towards(here_m: np.ndarray, there_m: np.ndarray) -> float:
 
 
 def final_stance(footwork: Footwork) -> tuple[np.ndarray, np.ndarray]:
-    """Return places (2, 2) and yaws (2,) of the feet after the last step."""
+    """Return the places (2, 2), x and z, and the directions (2,), radians to the left of +X, of the feet after the last
+    step.
+    """
     places, yaws = footwork.places_m.copy(), footwork.yaws.copy()
     for step in footwork.steps:
         places[step.side], yaws[step.side] = step.place_m, step.yaw

@@ -28,14 +28,14 @@ from anchorpose.settings import settings
 
 NOT_UPRIGHT_WITH: Final = "the patient was never known to be upright with this angle known"
 EXTENDED: Final = ("knee_flexion", "hip_flexion")
-# percentile of flexion that is reported as the least flexion (95: as the greatest); minimum and maximum over all frames
-# are mostly errors
+# percentile of a joint's flexion, over the frames in which the patient stands, that is reported as the least flexion
+# (95: as the greatest); the minimum and the maximum over these frames are mostly errors
 LEAST_PERCENTILE: Final = 5.0
 
 
 @settings
 class ExtensionConfig:
-    """Settings of when a knee counts as straight: if it is bent or hyperextended by at most this angle in degrees."""
+    """Settings of when a knee counts as straight: bent or hyperextended by at most ``straight_deg`` degrees."""
 
     straight_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
 
@@ -49,7 +49,9 @@ def extension_measures(session: Session, config: ExtensionConfig) -> list[Measur
 
 
 def known_upright(session: Session, name: str) -> tuple[np.ndarray, Angle]:
-    """Return (n,) bool: frames in which the patient stands and the angle is known; and the angle in all frames."""
+    """Return (n,) bool: frames in which the patient stands and the angle ``name`` is known. Also return this angle in
+    all frames.
+    """
     angle = session.angle(name)
     return session.standing & np.isfinite(angle.degrees), angle
 
@@ -201,7 +203,8 @@ def _range(session: Session, angle: str, side: str | None) -> Measure:
     low, high = int(np.argmin(held)), int(np.argmax(held))
     value, (first, second) = float(held[high] - held[low]), series.sigma_deg[rows[[low, high]]]
     state_code = series.state_code[rows]
-    # the extremes of a joint that does not move differ only by two errors, here taken as independent
+    # the least and the greatest angle of a joint that does not move differ only by their errors, which are here taken
+    # as independent
     if value <= NORMAL_95 * np.hypot(first, second):
         return unknown(measure, "deg", "the joint moved by no more than the errors of its angle", side, state_code)
     return known(measure, "deg", value, state_code, sigma_of_difference(first, second, ANGLE_SHARE), side)

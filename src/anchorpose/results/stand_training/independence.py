@@ -272,8 +272,8 @@ def _sigma_s(session: Session, bouts: int, unsure_s: float) -> float:
     """Return sigma of a time without contacts. The reported time is the upper limit of the true time.
 
     The true time may be less than the reported time by up to ``unsure_s``. If the true time is uniformly distributed
-    over this range, its root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice the
-    distance from the middle of the range.
+    over this range, its root-mean-square distance from the reported upper limit is ``unsure_s`` / sqrt(3), twice its
+    root-mean-square distance from the middle of the range.
     """
     return sigma_of_time(2 * bouts, 2.0 * unsure_s, session.seconds)
 

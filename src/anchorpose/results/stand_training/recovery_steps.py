@@ -60,9 +60,9 @@ def find_recovery_steps(session: Session, steps: Sequence[Step], config: EventCo
 
 def recovery_watched(session: Session, config: EventConfig) -> np.ndarray:
     """Return (n,) bool: frames in which a recovery step could begin and be found. In such a frame, the patient is
-    upright, an extrapolated centre of mass ``beyond_m`` outside the feet could be distinguished from errors of
-    measurement, and the joints used are known in all frames of the next ``WITHIN_S``. Dropped frames are allowed, one
-    at a time.
+    upright, an extrapolated centre of mass (displaced in proportion to its speed) that lies ``beyond_m`` outside the
+    feet could be distinguished from errors of measurement, and the joints used are known in all frames of the next
+    ``WITHIN_S``. Dropped frames are allowed, one at a time.
     """
     clear = session.upright & (config.times_sigma * _sigma_m(session) <= config.beyond_m)
     return np.asarray(clear & followed(np.isfinite(_sigma_m(session)), session.joints.time_s, WITHIN_S))
@@ -77,7 +77,9 @@ def _sigma_m(session: Session) -> np.ndarray:
 
 
 def _extrapolated(session: Session) -> np.ndarray:
-    """Return the extrapolated centre of mass (n, 2) on the floor, NaN where unknown."""
+    """Return the extrapolated centre of mass (displaced in proportion to its speed), x and z (n, 2) on the floor, NaN
+    where unknown.
+    """
     time_s, com_m = session.joints.time_s, session.posture.com_m
     step_s, found = usual_step_s(time_s), np.full((len(time_s), 2), np.nan)
     ankles_m = session.joints.position_m[:, ANKLES, 1].min(axis=1)

@@ -135,8 +135,8 @@ def _leg_length(joints: JointTable) -> float:
 
 @settings
 class UprightConfig:
-    """Settings of when the patient counts as upright: from the frame that meets all three ``enter`` limits until a
-    frame passes one of the wider ``leave`` limits (hysteresis).
+    """Settings of when the patient counts as upright: from the frame in which thigh, pelvis and trunk all meet their
+    ``enter`` limits until a frame in which any of them passes its wider ``leave`` limit (hysteresis).
 
     Accelerometers distinguish standing from sitting by a thigh within 45 degrees of the vertical (Skotte et al. 2014,
     doi:10.1123/jpah.2011-0347). If only the thigh were tested, kneeling and hanging over a rail would count as upright;
@@ -284,8 +284,8 @@ class Session:
 
     @property
     def onset_seen(self) -> bool:
-        """Return whether the first frame follows the onset without a long gap (``longest_known_gap_s``), in which it
-        would be unknown what happened.
+        """Return whether the first frame follows the beginning of the recording or trial (``onset_s``) without a long
+        gap (``longest_known_gap_s``); in a long gap, it would be unknown what the patient did.
         """
         time_s = self.joints.time_s
         return len(time_s) < 2 or bool(time_s[0] - self.onset_s <= longest_known_gap_s(time_s))

@@ -165,8 +165,8 @@ def step_measures(session: Session, steps: list[Step]) -> list[Measure]:
 
 
 def _seen_until(session: Session) -> np.ndarray:
-    """Return the time (n,) in s until which both ankles stay known after each frame, without a gap in which a step
-    could be missed.
+    """Return, for each frame (n,), the time in s until which both ankles stay known without a gap in which a step could
+    be missed; the frame's own time if an ankle is lost in it.
     """
     time_s = session.joints.time_s
     until_s = time_s.copy()

@@ -128,8 +128,8 @@ _SHORT: Final = "the raised arm went forward by no more than the errors of the w
 def _raised_arm(
     position_m: np.ndarray, forward: np.ndarray, side: str, upright: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays (n,) bool: whether the arm is straight, points forward and is about level; and whether this
-    also holds within the narrower limits for the test to begin.
+    """Return two arrays (n,) bool: whether the arm is straight, points forward and is within ``STILL_LEVEL_DEG`` of
+    horizontal; and whether it also meets the narrower limits at which the test begins (``LEVEL_DEG``, ``FORWARD``).
     """
     shoulder, elbow, wrist = (position_m[:, JOINT_INDEX[f"{n}{side.capitalize()}"]] for n in _ARM)
     arm = wrist - shoulder

@@ -20,8 +20,8 @@ NO_UPRIGHT: Final = "the patient was never known to be upright"
 
 
 class Touch(NamedTuple):
-    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the largest seen share among these
-    contacts, 0 without contacts.
+    """Touches in each frame. at_once (n,) int32: number of contacts; seen (n,): the largest ``Contact.seen_share`` (1:
+    cameras saw the whole touch) of these contacts, 0 without contacts.
     """
 
     at_once: np.ndarray

@@ -97,8 +97,8 @@ def _of_joint(session: Session, joint: str, side: str, config: TremorConfig) -> 
 
 
 def _stepping(session: Session) -> np.ndarray:
-    """Return (n,) bool: frames in which a foot is in the air. They are left out, since quick steps shake a leg as fast
-    as clonus.
+    """Return (n,) bool: frames in which a foot is in the air. The search for tremor and clonus leaves these frames out,
+    since quick steps shake a leg as fast as clonus does.
     """
     time_s, stepping = session.joints.time_s, np.zeros(len(session.seconds), dtype=bool)
     for episode in session.episodes:
@@ -111,7 +111,9 @@ SEEN: Final = STATE_CODE[JointState.OBSERVED]
 
 
 def _windows(time_s: np.ndarray, degrees: np.ndarray, seen: np.ndarray) -> Iterator[Window]:
-    """Yield successive windows within runs of frames that are ``seen`` (n,) bool."""
+    """Yield successive windows within unbroken runs of usable frames. seen (n,) bool: frames in which the angle is
+    known from seen joints and no foot is in the air.
+    """
     step_s = usual_step_s(time_s)
     for run in unbroken_runs(seen, time_s, longest_dropped_s(time_s)):
         starts = np.arange(time_s[run.start], time_s[run.stop - 1] - WINDOW_S + 1.5 * step_s, WINDOW_S)

@@ -28,7 +28,7 @@ def folded_curtain(rng: np.random.Generator, wide_m: float, high_m: float) -> np
 
 def hanging_coat(rng: np.random.Generator, top_m: float, way: float) -> np.ndarray:
     """Return triangles (n, 3, 3) of a coat that hangs on a pole at x = z = 0: a tube that widens downwards in folds.
-    way: radians, direction from the pole to the coat.
+    way: direction from the pole to the coat, radians from +X towards +Z.
     """
     around, down = np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, 1.0, 9)[:, None]
     long_m, folds = rng.uniform(0.7, 1.1), int(rng.integers(4, 8))

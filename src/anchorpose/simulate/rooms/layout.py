@@ -27,8 +27,9 @@ def first_lanes(room: RoomConfig, camera_m: np.ndarray) -> list[Lane]:
 
 
 def lay_out(rng: np.random.Generator, room: RoomConfig, outline: Outline, taken: list[Lane]) -> list[Piece]:
-    """Place the room's clutter in the room frame. Each piece keeps clear of the areas ``taken``, to which its own area
-    is then added. A piece without a free place is left out.
+    """Place the room's clutter in the room frame, in which the patient is at the origin and X points away from the
+    camera. Each piece keeps clear of the areas ``taken``, to which its own area is then added. A piece without a free
+    place is left out.
     """
     found = []
     for kind in room.clutter:

@@ -90,8 +90,8 @@ def draw_seat(rng: np.random.Generator, config: SimulationConfig, patient: Actor
 
 
 def _rising(patient: Actor | CapturedActor) -> Actor | CapturedActor:
-    """Return the person with rising from the seat as the only movement. A wheelchair fitted to this person also leaves
-    space for standing legs.
+    """Return the person with rising from the seat as the only movement; a person with a captured movement stays
+    unchanged. A wheelchair fitted to this person also leaves space for standing legs.
     """
     if isinstance(patient, CapturedActor):
         return patient

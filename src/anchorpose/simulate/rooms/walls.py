@@ -159,7 +159,9 @@ def farther_room(rng: np.random.Generator, opening: Panel, wall_m: float) -> np.
 
 
 def mirror_on_wall(panel: Panel, wall_m: float) -> Mirror:
-    """Return the mirror on the back wall at x = wall_m, room frame."""
+    """Return the mirror on the back wall, at x = wall_m in the room frame (patient at the origin, X away from the
+    camera).
+    """
     x = wall_m - BEHIND_MIRROR_M
     return Mirror(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), panel_triangles(panel, x))
 
@@ -197,7 +199,9 @@ def wall_triangles(start: tuple[float, float], end: tuple[float, float], holes: 
 
 
 def _doorways(lanes: tuple[Lane, ...], outline: Outline, side_m: float) -> list[Panel]:
-    """Return a doorway where each lane crosses the wall at z = side_m, as distances from the wall's front end."""
+    """Return a doorway where each lane crosses the side wall at z = side_m; its place is stated by distances from the
+    end of the wall that lies behind the camera.
+    """
     half_m = 0.5 * DOOR_WIDTH_M
     crossings = [x for lane in lanes for x in lane.crossings_m(side_m)]
     return [Panel(x - outline.front_m - half_m, x - outline.front_m + half_m, 0.0, DOOR_HEIGHT_M) for x in crossings]
