@@ -91,8 +91,8 @@ def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
 ) -> NormalEquations:
     """Return the equations of the prior on a pose: the usual range of each joint, the limits to the bending of elbows,
-    knees and hips, and the predicted pose if given. hidden: indices of the hidden bones in ``MOVING_BONES``; None as in
-    ``joint_range``.
+    knees and hips, and the predicted pose if given. hidden: indices of the hidden bones in ``MOVING_BONES``; if None,
+    all bones follow the statistics of motion capture.
     """
     ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges)

@@ -77,10 +77,11 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two sums over all constraint rows. The first is the second moments (m, m, 6, 6) for each pair of carriers
-    (moving bones that carry a point): the weighted products of the six numbers ``(cross(x, direction), direction)`` of
-    the pair's first carrier with the six numbers of its second carrier. The second is the torque about the world's
-    origin and the force (m, 6) on each carrier. The force of a row is its weighted residual along its direction.
+    """Return two sums over all constraint rows. The first sum holds the second moments (m, m, 6, 6) for each pair of
+    carriers (moving bones that carry a point): the weighted products of the six numbers ``(cross(x, direction),
+    direction)`` of the pair's first carrier with the six numbers of its second carrier. The second sum holds the torque
+    about the world's origin and the force (m, 6) on each carrier. The force of a row is its weighted residual along its
+    direction.
 
     For each pair of carriers of a skin point, the loop adds the moments in one order of the pair only; ``_mirror`` then
     adds up the moments of both orders.
