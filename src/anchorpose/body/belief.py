@@ -83,8 +83,9 @@ def vague_belief(pose: Pose, unseen_s: np.ndarray | None = None) -> PoseBelief:
     unseen_s (PARTS, 2): seconds since each part was last seen. Row 0 is the trunk. Its columns are the lower trunk, and
     the chest with neck and head. Each other row is a limb. Its columns are the part above the elbow or knee, and the
     part below. The shorter the time since a part was last seen, the smaller the part's standard deviation. The value
-    inf means that the part was never seen. The value 0 means that this frame shows the part; then earlier frames do not
-    reduce the part's standard deviation. If ``unseen_s`` is None, this frame counts as showing all parts.
+    inf means that the part was never seen. The value 0 means that this frame shows the part; such a part has the full
+    standard deviation, as if no earlier frame had shown it. If ``unseen_s`` is None, this frame counts as showing all
+    parts.
     """
     sigma = np.full(POSE_SIZE, 0.5)
     sigma[-3:] = 0.25

@@ -81,9 +81,9 @@ def node_noise(evidence: Evidence, thinned: float = 1.0) -> tuple[np.ndarray, np
     return the number (n,) of the patch of pixels to which each node belongs. All nodes of a patch share one error.
 
     thinned: share of the nodes that are used. If few nodes are used, a node may represent more pixels than a patch has.
-    In this case, denoising averages the errors of several patches in the node. The node then has less noise and shares
-    its error with no other node, so its patch contains this node alone. Sigma is 0 if the noise of the node's camera is
-    unknown.
+    In this case, the denoising of the depth image averages the errors of several patches at the node. The node then has
+    less noise and shares its error with no other node, so its patch contains this node alone. Sigma is 0 if the noise
+    of the node's camera is unknown.
     """
     surface, noise_m = evidence.surface, np.zeros(len(evidence.surface))
     patch = np.arange(len(surface))
@@ -111,9 +111,9 @@ def rows_alike(evidence: Evidence, config: RegistrationConfig) -> float:
 
     If only clothes and folds cause errors, the number of rows that count as one observation is the setting
     ``rows_per_observation``. A sensor that smooths its images gives a whole patch of nodes the same error
-    (``node_noise``). So a second term is added for such noise. For each node, the variance of its noise is multiplied
-    by the number of used nodes in its patch. The term is the mean of these products over all nodes, divided by the
-    variance of the surface error (``surface_sigma_m``).
+    (``node_noise``). For such noise, a second term is added to ``rows_per_observation``. For each node, the variance of
+    its noise is multiplied by the number of used nodes in its patch. The second term is the mean of these products over
+    all nodes, divided by the variance of the surface error (``surface_sigma_m``).
     """
     used = min(config.node_count, len(evidence.surface)) / len(evidence.surface)
     noise_m, patch = node_noise(evidence, used)

@@ -84,9 +84,10 @@ def node_area_m2(evidence: Evidence) -> np.ndarray:
 def seen_past(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past. A
-    camera sees past a skin point if the reading at the point's pixel lies more than ``COVERED_M`` behind the point, or
-    if the pixel shows the background without a reading. Hidden skin counts as not seen past.
+    """Return ``Explanation.seen_past`` (PARTS,): the share of each limb's camera-facing skin that a camera sees past
+    (where it sees something farther away); the largest value of all cameras. A camera sees past a skin point if the
+    reading at the point's pixel lies more than ``COVERED_M`` behind the point, or if the pixel shows the background
+    without a reading. Hidden skin counts as not seen past.
     """
     most = np.full(PARTS, np.nan)
     for past, counted in _seen_past_counts(points, posed, views, cameras):
@@ -97,10 +98,10 @@ def seen_past(
 def seen_past_by_all(
     points: SkinPoints, posed: PosedPoints, views: Sequence[View | None], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Return (PARTS,) the share of each limb's skin that cameras see past, counted over all cameras together. If it is
-    uncertain which way the body faces, this share is more reliable than the largest share of a single camera
-    (``seen_past``): a camera that sees the body from the side sees past more of the body than other cameras do, so the
-    largest share would depend on this camera alone.
+    """Return (PARTS,) the share of each limb's camera-facing skin that cameras see past (where they see something
+    farther away), counted over all cameras together. If it is uncertain which way the body faces, this share is more
+    reliable than the largest share of a single camera (``seen_past``): a camera that sees the body from the side sees
+    past more of the body than other cameras do, so the largest share would depend on this camera alone.
     """
     counts = [np.zeros((2, PARTS)), *(np.stack(one) for one in _seen_past_counts(points, posed, views, cameras))]
     past, counted = np.sum(counts, axis=0)
@@ -123,8 +124,9 @@ def _seen_past_counts(
 
 @njit(cache=True, nogil=True)
 def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, per limb (PARTS,), how many skin points the camera sees past, and how many skin points face the camera.
-    Points outside the image and points at holes (``SkinReason.HOLE``) are not counted.
+    """Return, per limb (PARTS,), how many skin points the camera sees past (it sees something farther away there), and
+    how many skin points face the camera. Points outside the image and points at holes (``SkinReason.HOLE``) are not
+    counted.
     """
     past, counted = np.zeros(PARTS, np.int64), np.zeros(PARTS, np.int64)
     for p in range(len(limb)):
@@ -136,7 +138,7 @@ def _count_past(limb: np.ndarray, reason: np.ndarray, facing: np.ndarray) -> tup
 
 @cache
 def limb_of_points(points: SkinPoints) -> np.ndarray:
-    """Return the limb (p,) of each skin point, numbered as in ``LIMB_OF_BONES``; 0 stands for trunk and head."""
+    """Return the limb (p,) of each skin point: 1 left arm, 2 left leg, 3 right arm, 4 right leg, 0 trunk and head."""
     return np.asarray(LIMB_OF_BONES[_bone_of_points(points)])
 
 

@@ -90,8 +90,9 @@ def _bones_of_segments(hidden: tuple[bool, ...]) -> tuple[int, ...]:
 def prior_equations(
     points: SkinPoints, pose: Pose, predicted: Predicted | None, hidden: tuple[int, ...] | None = None
 ) -> NormalEquations:
-    """Return the equations of the prior on a pose: joint range, hinge limits and, if given, a predicted pose. hidden:
-    the hidden bones, as in ``joint_range``.
+    """Return the equations of the prior on a pose: the usual range of each joint, the limits to the bending of elbows,
+    knees and hips, and the predicted pose if given. hidden: indices of the hidden bones in ``MOVING_BONES``; if None,
+    all bones follow the statistics of motion capture.
     """
     ranges = joint_range_at(points.asset, pose, hidden)
     hessian, gradient, cost = _range_equations(pose.rotation_vectors(points.moving), ranges)
@@ -106,8 +107,8 @@ def prior_equations(
 
 
 def range_information(points: SkinPoints, pose: Pose, hidden: tuple[int, ...]) -> np.ndarray:
-    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) that a pose has if only joint ranges and hinge limits are
-    known, without any observation.
+    """Return the inverse covariance (POSE_SIZE, POSE_SIZE) that a pose has without any observation, if only the usual
+    ranges of the joints and the limits to the bending of elbows, knees and hips are known.
     """
     return prior_equations(points, pose, None, hidden).hessian
 
@@ -186,7 +187,7 @@ def solve_damped(equations: NormalEquations) -> np.ndarray:
 
 
 def limited(change: np.ndarray) -> np.ndarray:
-    """Return the change, scaled down so that no bone turns farther than ``MAX_TURN`` about any axis."""
+    """Return the change of a pose, scaled down so that no bone turns farther than ``MAX_TURN`` about any axis."""
     largest = np.abs(change[: POSE_SIZE - 3]).max()
     return change * min(1.0, MAX_TURN / largest) if largest > 0 else change
 

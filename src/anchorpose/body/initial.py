@@ -74,9 +74,9 @@ class FirstShape:
 def find_first_pose(
     evidence: Evidence, person: MatchedPerson, shape: FirstShape, config: RegistrationConfig
 ) -> FirstPose:
-    """Fit a body of each shape in ``shape.tried`` to matches and surface, and keep the most probable body. Then fit
-    this body with the opposite facing, too. Return the pose with the likelier facing, and the alternatives in
-    ``others``.
+    """Fit a body of each shape in ``shape.tried`` to the person's matches (pixels matched with places on the body) and
+    to the seen surface, and keep the most probable body. Then fit this body with the opposite facing, too. Return the
+    pose with the likelier facing; its field ``others`` holds the poses with the opposite facing.
 
     A learnt shape is valid only for the facing with which it was learnt, so a new shape is also fitted for the opposite
     facing.
@@ -108,8 +108,8 @@ def _fitted(
 def _settle(
     pose: Pose, belief: ShapeBelief, evidence: Evidence, may_change: bool, config: RegistrationConfig
 ) -> FirstPose:
-    """Register the body to the surface, beginning at a pose fitted to matches. may_change: whether the body's shape is
-    fitted, too.
+    """Register the body to the seen surface, starting from ``pose``, which was fitted to matches between pixels and
+    places on the body. may_change: whether the body's shape is fitted, too.
     """
     shape = belief.shape
     body = build_body(body_points(), shape)
@@ -129,8 +129,9 @@ def _settle(
 def find_rough_pose(
     body: Body, evidence: Evidence, matches: Matches, start: Pose | None, config: RegistrationConfig
 ) -> Pose:
-    """Return the pose of a person whose body is given: the body is fitted to the matches, then registered to the
-    surface. start: a pose that was already fitted to the matches; None if no such pose is known.
+    """Return the pose of a person whose body is given: the body is fitted to the matches (between pixels and places on
+    the body), then registered to the seen surface. start: a pose that was already fitted to the matches; None if no
+    such pose is known.
     """
     pose = fit_matches(body, matches, start)
     for reach_m in _ROUGH_REACHES_M:

@@ -139,8 +139,9 @@ def joint_range(asset: BodyAsset, hidden: tuple[int, ...] | None = None) -> Join
     freely.
 
     hidden: indices of the hidden bones in ``MOVING_BONES``. The turns of hidden bones are predicted from the turns of
-    visible bones, by the statistics of motion capture. Visible bones have the widened ranges of the textbooks
-    (``SEEN_SPREAD``) about the rest pose. If ``hidden`` is None, all bones follow the statistics of motion capture.
+    visible bones, by the statistics of motion capture. The turns of visible bones have the textbooks' standard
+    deviations about the rest pose, doubled, but at most to ``SEEN_SPREAD`` (larger values stay as they are). If
+    ``hidden`` is None, all bones follow the statistics of motion capture.
     """
     captured = _as_captured(asset)
     if hidden is None:
@@ -194,8 +195,8 @@ def _textbook(asset: BodyAsset) -> _Textbook:
 
 @cache
 def _where_seen(asset: BodyAsset) -> np.ndarray:
-    """Return the covariance (3 m, 3 m) of the turns of visible bones: the textbooks' covariance, widened as
-    ``SEEN_SPREAD`` describes.
+    """Return the covariance (3 m, 3 m) of the turns of visible bones: the textbooks' covariance with standard
+    deviations that are doubled, but at most to ``SEEN_SPREAD`` (larger values stay as they are).
     """
     covariance = _textbook(asset).covariance.copy()
     for row in range(1, len(MOVING_BONES)):
@@ -213,8 +214,8 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
     ranges, the spine contributes a quarter of this flexion. The spine may also bend more and both hips less, or vice
-    versa; the variance of such poses is the variance of the spine's own range. (When people sit down, the spine
-    contributes a third of this flexion, Schoberth 1962.)
+    versa; for each bone of the spine, this exchange has the variance of the bone's flexion by the textbooks. (When
+    people sit down, the spine contributes a third of this flexion, Schoberth 1962.)
     """
     count, shown, turns = len(MOVING_BONES), captured_turns(), limb_turns()
     ranges, hinge, limit = _textbook(asset)
@@ -232,11 +233,12 @@ def _as_captured(asset: BodyAsset) -> JointRange:
 
 
 def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
-    """Return the covariance (k, k) of ``captured_turns`` in people. This covariance is the sum of the covariance by
-    motion capture and an independent variance of each turn, since other people move differently from the people in the
-    motion capture. The total variance of a turn is at least its variance by the textbooks.
+    """Return the covariance (k, k), in people, of the turns that motion capture measured (``captured_turns``). This
+    covariance is the sum of the covariance by motion capture and an independent variance of each turn, since other
+    people move differently from the people in the motion capture. The total variance of a turn is at least its variance
+    by the textbooks.
 
-    expected (k, k): covariance of ``captured_turns`` by the joint ranges of the textbooks.
+    expected (k, k): covariance of the turns that motion capture measured, but by the joint ranges of the textbooks.
     """
     factor = np.linalg.cholesky(expected)
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)

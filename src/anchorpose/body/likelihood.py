@@ -118,8 +118,9 @@ def render_skin(
 
 
 def _of_camera(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera, label: int) -> np.ndarray:
-    """Return the likelihood of one camera's readings (4, 2 PARTS). The rows are the first four fields of
-    ``Likelihood``; the columns are the segments of the body, numbered as in ``SEGMENT_OF_BONES``.
+    """Return the likelihood of one camera's readings (4, 2 PARTS). The rows are the log likelihood ratio and the
+    numbers of observations that show the skin, something behind the skin, and something in front of the skin; the
+    columns are the segments of the body, numbered as in ``SEGMENT_OF_BONES``.
     """
     skin = render_skin(points, skin_m, camera)
     if skin is None:

@@ -105,9 +105,9 @@ def expected_joints(body: Body, belief: PoseBelief) -> Expected:
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
-    """Return whether so much seen skin is uncovered that a limb may be misplaced. The area must be at least
-    ``LOOK_AGAIN_M2``. hidden: whether hardly any skin of some limb beyond the elbow or knee covers nodes; the uncovered
-    skin may then belong to this limb, so half of the area is enough.
+    """Return whether so much seen skin is uncovered that a limb may be misplaced. The uncovered area must be at least
+    ``LOOK_AGAIN_M2``. hidden: whether, for some limb, hardly any of the skin beyond the elbow or knee covers nodes
+    (points of the seen surface); the uncovered skin may then belong to this limb, so half of the area is enough.
     """
     return explanation.uncovered_m2 >= (LOOK_AGAIN_M2 / 2.0 if hidden else LOOK_AGAIN_M2)
 

@@ -1,8 +1,8 @@
 """Match pixels with places on the body by the learnt descriptor, and fit the body's pose to these matches.
 
 The paper matches nodes (points of the seen surface) of two frames if the geodesic distances of both nodes to the
-anchors agree (Definition 5). The learnt descriptor predicts the place on the skin itself. So a single frame gives
-matches all over the body, and no initial pose is needed.
+anchors agree (Definition 5). The learnt descriptor, in contrast, predicts for each pixel which place on the skin the
+pixel shows. So a single frame gives matches all over the body, and no initial pose is needed.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ def _matches_of(view: View, camera: Camera, label: int) -> Matches:
 
 
 class MatchedPerson(NamedTuple):
-    """A person's matches, and the stature and pose found from them."""
+    """Matches between a person's pixels and places on the body, and the person's stature and pose, estimated from these
+    matches.
+    """
 
     matches: Matches
     stature_m: float  # m, standing height; its error is below 3 % in half of all single frames
@@ -178,7 +180,9 @@ def _rows(
 
 @cache
 def _tree(points: SkinPoints) -> cKDTree:
-    """Return a KD-tree of the skin points on the standing mean adult, in statures, as in ``Matches.place``."""
+    """Return a KD-tree of the skin points' places on the standing mean adult, in units of this adult's height, as in
+    ``Matches.place``.
+    """
     return cKDTree(places(points))
 
 

@@ -4,8 +4,8 @@ without storing the rows' Jacobian.
 The derivative of a row with respect to a bone's turn is ``cross(x - pivot, direction)``, where x is the row's skin
 point. This derivative is linear in the six numbers ``(cross(x, direction), direction)``. So rows are first summed into
 a matrix per skin point (3 x 3), then into a matrix per pair of moving bones that carry a point together (6 x 6), and
-then along the skeleton. The last step converts the sums to the pose's parameters. ``skin_points.pose_jacobian`` is the
-reference implementation.
+then along the skeleton. The last step converts the sums to the pose's parameters. ``skin_points.pose_jacobian``, which
+returns the derivatives of every row, is the reference implementation.
 """
 
 from __future__ import annotations
@@ -77,9 +77,11 @@ def _by_bones(
     spread: np.ndarray,
     pull: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return two sums over all constraint rows, with torques about the world's origin: the second moments (m, m, 6, 6)
-    for each pair of carriers (moving bones that carry a point), and the torque and force (m, 6) on each carrier. The
-    force of a row is its weighted residual along its direction.
+    """Return two sums over all constraint rows. The first sum holds the second moments (m, m, 6, 6) for each pair of
+    carriers (moving bones that carry a point): the weighted products of the six numbers ``(cross(x, direction),
+    direction)`` of the pair's first carrier with the six numbers of its second carrier. The second sum holds the torque
+    about the world's origin and the force (m, 6) on each carrier. The force of a row is its weighted residual along its
+    direction.
 
     For each pair of carriers of a skin point, the loop adds the moments in one order of the pair only; ``_mirror`` then
     adds up the moments of both orders.

@@ -119,6 +119,8 @@ def _named_by(points: SkinPoints, skin_m: np.ndarray, view: View, camera: Camera
 
 @cache
 def places(points: SkinPoints) -> np.ndarray:
-    """Return the place (p, 3) of each skin point on the standing mean adult, in statures, as in ``Described.place``."""
+    """Return the place (p, 3) of each skin point on the standing mean adult, in units of this adult's height: X
+    forward, Y up from the floor, Z right, as in ``Described.place``.
+    """
     skin = points.asset.vertices
     return np.asarray((skin[points.vertex] - [0.0, skin[:, 1].min(), 0.0]) / np.ptp(skin[:, 1]))

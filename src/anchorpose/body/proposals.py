@@ -28,7 +28,7 @@ MOST_UNUSUAL: Final = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubted:
-    """A pose in doubt and the frame's evidence."""
+    """A pose in doubt (a pose that may be wrong), with the body, and with the evidence and the anchors of the frame."""
 
     body: Body
     pose: Pose

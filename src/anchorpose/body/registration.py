@@ -1,5 +1,5 @@
 """Find one frame's pose: register the articulated body, from its predicted pose, to the frame's surface and to the
-nodes that the track tree matched (paper, Section V).
+nodes that the track tree matched with nodes of the frame tracked before (paper, Section V).
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ def register(
     """Register all parts of the body to a frame together; the parts stay joined, and bones keep their length. (The
     paper registers each part alone, by ICP: iterative closest point.)
 
-    held: rows of the nodes that the track tree matched and of the anchors, used only in the first solver steps. fixed:
-    rows used in all steps; these rows do not reduce the uncertainty of the pose, since they are not observations.
+    held: rows from the anchors and from the nodes that the track tree matched with nodes of the frame tracked before;
+    used only in the first solver steps. fixed: rows used in all steps; these rows do not reduce the uncertainty of the
+    pose, since they are not observations.
     """
     if len(evidence.surface) < config.least_nodes:
         return Registration(predicted, 0.0, False)

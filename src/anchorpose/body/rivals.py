@@ -80,8 +80,8 @@ class Rival:
         return (self.body or body).joints(self.belief.pose)
 
     def beside(self, best: Rival) -> Rival:
-        """Return this rival with its fields ``lag`` and ``moved`` relative to another rival, ``best``, which becomes
-        the best pose.
+        """Return this rival for the case that another rival, ``best``, becomes the best pose: the fields ``lag`` and
+        ``moved`` of ``best`` are subtracted from this rival's fields.
         """
         return replace(self, lag=self.lag - best.lag, moved=self.moved - best.moved)
 
@@ -146,7 +146,7 @@ def follow_rivals(
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Return, of the poses ``others``, the poses that increase sigma most, at most ``MOST`` poses.
+    """Return up to ``MOST`` of the poses ``others``: the poses that increase the sigma of the joints most.
 
     The returned poses are not excluded by the images (their ``lag`` is below ``DECIDED``), and differ from the best
     pose and from each other. The poses are ranked by their effect on sigma: a body with the opposite facing comes

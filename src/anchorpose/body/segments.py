@@ -150,8 +150,9 @@ def _stretched(asset: BodyAsset, name: str, spans: Sequence[tuple[str, str]], si
 
 
 def _shares_along(asset: BodyAsset, first: int, last: int) -> np.ndarray:
-    """Return (b, 4): three factors and a constant per bone. If the span grows, a point of the bone at (x, y, z) in the
-    rest pose moves by the share ``factors @ (x, y, z) + constant`` of the growth.
+    """Return (b, 4): three factors and a constant per bone, which state how far the bone's points move if the span
+    between the heads (first ends) of the bones ``first`` and ``last`` grows. If the span grows, a point of the bone at
+    (x, y, z) in the rest pose moves by the share ``factors @ (x, y, z) + constant`` of the growth.
 
     Points of the span move in proportion to their distance along the span from its start; everything beyond the span
     moves as a whole.

@@ -30,7 +30,8 @@ THICKEST_M: Final = 0.03  # m, maximum thickness of clothes
 TAILS: Final = 4.0
 # factor on the standard deviation of a segment's thickness if an orthosis or a helmet covers the segment
 COVERED: Final = 4.0
-# number of fits to a height; the fit is repeated, since a fit may make another vertex the highest or lowest
+# number of fits of the shape to a measured height; the fit is repeated, since a fit may make another vertex of the skin
+# the highest or lowest
 _HEIGHT_STEPS: Final = 3
 
 _ALIKE_LENGTHS: Final = np.array(
@@ -79,7 +80,7 @@ class ShapeBelief:
         return _covariance(self)
 
     def equations(self, shape: FittedShape) -> tuple[np.ndarray, np.ndarray]:
-        """Return hessian (s, s) and gradient (s,) of the cost at a shape. The cost is half the sum of the squared
+        """Return hessian (s, s) and gradient (s,) of the cost of a shape, which is half the sum of its squared
         deviations from prior and observations.
         """
         prior, at = self._prior_at(shape), self.vector(shape)
@@ -106,8 +107,8 @@ class ShapeBelief:
         return replace(shape, coefficients=coefficients, offset_m=offset_m)
 
     def having_seen(self, shape: FittedShape, information: np.ndarray, pull: np.ndarray) -> ShapeBelief:
-        """Return the belief after more observations. information (s, s), pull (s,): what these observations add to the
-        fields ``seen`` and ``pull``.
+        """Return the belief after more observations. information (s, s): inverse covariance that the new observations
+        alone give. pull (s,): this matrix times the shape that fits the new observations best.
         """
         return replace(self, shape=shape, seen=self.seen + information, pull=self.pull + pull)
 

@@ -29,9 +29,9 @@ class FreeShape(NamedTuple):
 def accumulate_shape(
     body: Body, posed: PosedPoints, rows: Constraints, residual_m: np.ndarray, weight: np.ndarray, free: FreeShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``J^T W J`` (s, s) and ``J^T W r`` (s,) for s parameters: the parameters of the pose, then the fitted
-    parameters of the shape. J is ``full_jacobian`` of the rows. residual_m, weight (n,): r and the diagonal of W, one
-    value per row.
+    """Return the hessian ``J^T W J`` (s, s) and the gradient ``J^T W r`` (s,) of constraint rows for s parameters: the
+    parameters of the pose, then the fitted parameters of the shape. J is ``full_jacobian`` of the rows. residual_m,
+    weight (n,): r and the diagonal of W, one value per row.
     """
     jacobian = full_jacobian(body, posed, rows.point, rows.direction, free)
     lower = dsyrk(1.0, (jacobian * np.sqrt(weight)[:, None]).T)
@@ -73,8 +73,9 @@ class _Bones(NamedTuple):
     pivot: np.ndarray  # (m, 3) joint at which each moving bone begins, world, from ``joint_frames``
     frame: np.ndarray  # (m, 3, 3) axes about which each moving bone turns, from ``joint_frames``
     chain: np.ndarray  # (b, d) moving bones that carry each bone, padded with -1
-    # (b, count, 3) m, movement of each bone's posed points by one unit of each coefficient, in addition to the movement
-    # due to the change of the points at rest; from ``shape_offsets``
+    # (b, count, 3) m, by how much one unit of each coefficient changes the translation of each bone's motion from the
+    # rest pose to the posed body; the bone's posed points move by this much in addition to the effect of their change
+    # at rest; from ``shape_offsets``
     offset: np.ndarray
 
 

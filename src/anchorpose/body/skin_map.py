@@ -54,9 +54,8 @@ def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> csr_array:
 
 @cache
 def _pairs(points: SkinPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of neighbouring skin points and the point between both points of each pair, as
-    ``_second_neighbours`` does. The pairs are computed on the mean adult, since neighbours hardly depend on a person's
-    shape.
+    """Return pairs of skin points that are neighbours or second neighbours, and the point on the path between both
+    points of each pair. The pairs are computed on the mean adult, since neighbours hardly depend on a person's shape.
     """
     vertices, edges = points.asset.vertices, _edges(points)
     direct = _neighbours(_edge_lengths(vertices, edges), edges, points.vertex)

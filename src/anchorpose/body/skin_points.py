@@ -240,8 +240,9 @@ def pose_jacobian(body: Body, posed: PosedPoints, index: np.ndarray, direction: 
 
 
 def shape_offsets(asset: BodyAsset, posed: PosedPoints, count: int) -> np.ndarray:
-    """Return (b, count, 3): how far one unit of each coefficient moves the posed points of each bone, in addition to
-    the movement due to the change of the points at rest.
+    """Return (b, count, 3) m: by how much one unit of each coefficient changes the translation of each bone's motion
+    from the rest pose to the posed body. The bone's posed points move by this much in addition to the effect of their
+    change at rest.
     """
     transforms, head_basis = posed.transforms, asset.bone_head_basis[:count]
     shift = np.zeros((len(transforms), count, 3))  # shift of each bone's head in the world, by each coefficient

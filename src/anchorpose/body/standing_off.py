@@ -60,7 +60,8 @@ def standing_off(points: SkinPoints, shape: FittedShape) -> dict[CoveredPart, fl
 
 def _thicker(asset: BodyAsset, shape: FittedShape, name: CoveredPart) -> float:
     """Return by how many standard deviations of girth a segment is thicker than expected. The expected girth is the
-    girth of the other side's limb, limited to the range from the mean to ``ORDINARY``.
+    girth of the other side's limb, but at least the mean girth, and at most ``ORDINARY`` standard deviations above the
+    mean.
     """
     if name == "trunk":
         return 0.0

@@ -87,11 +87,12 @@ def _felt(
 
 
 def finest_patch_m(evidence: Evidence) -> float:
-    """Return the side, in metres at the patient, of a patch of pixels that share one error. If several cameras show the
-    patient, the shortest of their sides is returned. The result is 0 if no camera with known noise shows the patient.
+    """Return the side, in metres at the patient, of a patch of pixels that share one error. If several cameras with
+    known noise show the patient, the side of the smallest patch of all these cameras is returned. The result is 0 if no
+    camera with known noise shows the patient.
 
-    Sensors match windows of pixels or smooth their images, which displaces the edges of a limb by a fraction of this
-    side.
+    Sensors match windows of pixels or smooth their images, which displaces the edges of a limb by a fraction of the
+    patch's side.
     """
     found = [
         np.sqrt(noise.shared_px) * distance_m / camera.intrinsics.fx
@@ -208,7 +209,8 @@ def smeared_sigma(
     spread = _by_frame(body, pose, wide, vague_belief(pose).information, alike).spread
     variance = np.trace(spread, axis1=1, axis2=2) / 3.0
     off_axis_m = np.linalg.norm((joints - joints[JOINT_INDEX["SpineMid"]])[:, [0, 2]], axis=1)
-    # the error lies along a single axis, so its mean square over the three axes is a third of its square
+    # the error due to the trunk's uncertain facing moves a joint along a single axis, so its mean square over the three
+    # axes is a third of its square
     turned = (edge_m / BROADER_M * off_axis_m) ** 2 / 3.0
     return np.maximum(sigma_m, np.sqrt(config.floor_m**2 + CONSTANT_ERROR_M**2 + variance + turned))
 
@@ -222,7 +224,8 @@ def frame_errors(
     unseen_s: np.ndarray | None = None,
     shape: ShapeBelief | None = None,
 ) -> FrameErrors:
-    """Return the errors of the joints that follow from the rows of one frame and from the ranges of the joints.
+    """Return the errors of the joints that follow from the constraint rows of one frame and from the ranges of the
+    joints.
 
     unseen_s: as in ``vague_belief``, which gives the uncertainty of hidden parts; None if this frame shows all parts. A
     body with another shape would have been registered in another pose. The errors include this effect, since pose and

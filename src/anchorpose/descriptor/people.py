@@ -104,7 +104,9 @@ def people_mask(depth_m: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 class _Votes(NamedTuple):
-    """The votes of one camera for pelvises."""
+    """The votes of one camera: for each ray that shows a person, the predicted place of the person's pelvis, and the
+    ray's area and certainty.
+    """
 
     found: np.ndarray  # (h, w) bool, rays that show a person
     pelvis_m: np.ndarray  # (n, 3) votes of these rays for a pelvis, in the common frame
