@@ -270,7 +270,7 @@ class PatientTracker:
             self.pace = WALKING if step.any() else PATIENT_PACE
         # surface: make one mesh from all cameras, cut where the body touches itself, closed where skin is hidden
         surface = see_surface(isolated, expected, self.run)
-        # anchors: find head, hands and feet in the depth image (Definition 2)
+        # anchors: find head, hands and feet on this surface (Definition 2 of the paper)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
