@@ -380,7 +380,8 @@ def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
     """Return the weighted mean of two predictions: by the matches (similar sub-lists), and by the patient's own
-    velocity. The weight of the matches is their trust (``_trust``).
+    velocity. The weight of the matches is the trust in them (``_trust``): over 0.5 if the matches would have predicted
+    the newest pose better than the velocity.
     """
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past

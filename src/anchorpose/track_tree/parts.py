@@ -65,8 +65,8 @@ def fit_pairs(
 @njit(cache=True)
 def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
     """Fill weight (n,) with each pair's weight after a motion T: Cauchy's function 1 / (1 + r^2), where r is the pair's
-    residual (distance from moved ``source`` to ``target``) divided by the median residual of all pairs, or by
-    ``LEAST_SCALE_M`` if that is larger.
+    residual (distance from the moved ``source`` point to the ``target`` point) divided by the median residual of all
+    pairs, or by ``LEAST_SCALE_M`` if that is larger.
     """
     for row in range(len(source)):
         squared = 0.0

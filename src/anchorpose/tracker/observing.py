@@ -149,7 +149,8 @@ def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[Ownersh
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
-    limb it is. If it reappears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
+    limb it is. If it reappears as a separate piece without a person's label, the place of the piece's centre decides
+    whether the piece gets the patient's label (``label_hidden_limbs``).
     """
     spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)

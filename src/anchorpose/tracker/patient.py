@@ -410,7 +410,9 @@ class PatientTracker:
         self.history.extend(past_m)
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """Register the body to the next frame; the ``held`` constraints apply only in the first registration steps."""
+        """Register the body to the next frame; the constraints ``held``, which follow from the track tree's matches and
+        the anchors, apply only in the first registration steps.
+        """
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 

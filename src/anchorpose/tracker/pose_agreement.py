@@ -102,7 +102,7 @@ def compare_cameras(
     clocks_known: bool = True,
 ) -> list[CameraPair]:
     """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording; clocks_known:
-    whether the frames of a sample were taken at the same time.
+    whether the depth images of all cameras in a sample were taken at the same time.
     """
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]
