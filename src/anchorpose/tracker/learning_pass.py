@@ -275,8 +275,8 @@ def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
     """Return the sum of two log probabilities, in nats, that follow from prior knowledge: of the way in which the body
     faces a single camera (``facing_nats``, mean over the window's frames; 0 with several cameras), and of the learnt
     shape given the stated height, age and sex, relative to the same shape without these statements. Differences of this
-    sum between two facings count in full; ``believed`` reduces only the differences that follow from the images
-    (``window_nats``).
+    sum between two facings count in full; ``believed`` reduces only the differences of ``window_nats``, which errors of
+    the body affect.
     """
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))
