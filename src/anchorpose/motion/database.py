@@ -137,9 +137,10 @@ def build_database(
     """Build the set D_s of sub-lists (short series of poses) from clips of pose vectors, (n_i, d) each, for a recording
     of ``at_hz`` frames per second. rate_hz: frames per second of each clip.
 
-    compared: as in ``MotionDatabase``; speeds: factors on the speed of the clips; history: number of poses of a
-    sub-list; past: number of frames that a clip must have before the newest pose of a sub-list (at least ``history`` -
-    1). Raises ValueError if a clip has missing values, or if no clip has more than ``past`` + 1 frames at any speed.
+    compared: number of leading columns of a pose vector that are compared to find similar poses; speeds: factors on the
+    speed of the clips; history: number of poses of a sub-list; past: number of frames that a clip must have before the
+    newest pose of a sub-list (at least ``history`` - 1). Raises ValueError if a clip has missing values, or if no clip
+    has more than ``past`` + 1 frames at any speed.
     """
     if any(not np.isfinite(clip).all() for clip in clips):
         raise ValueError("a clip of the motion database has missing values; cut it there")
@@ -209,8 +210,8 @@ def _list(runs: Sequence[tuple[int, float, int]], turned: np.ndarray, history: i
 
 
 def _enclose(summary: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for each segment of sub-lists, the mean of its summaries and the maximum distances from this mean, as in
-    ``SubLists``.
+    """Return, for each segment of sub-lists, the mean of its summaries (mean pose and displacement of each sub-list),
+    and the maximum distances of the mean poses and of the displacements from this mean.
     """
     size = np.diff(segment)
     centre = (np.add.reduceat(summary, segment[:-1], axis=0) / size[:, None, None]).astype(np.float32)

@@ -63,15 +63,16 @@ def best_sublists(
 
     The cost of a sub-list has two terms. The first term is the sum of k Euclidean distances, each between one of the
     patient's last k poses and the corresponding pose of the sub-list (in the paper: the sum over v of ed(theta^(t-v),
-    theta_s^(j-v))). The second term is ``displacement_weight * k`` times the distance between the two displacements
-    (newest pose minus oldest pose). The second term is needed, since the same pose occurs in movements of any direction
-    and speed. history (k, d): the patient's last k poses, the newest last. Only sub-lists that are followed by
-    ``steps`` more frames are used. Sub-lists are skipped if a lower bound of their cost exceeds the costs of the best
-    ``count`` sub-lists so far. The result is still exact, since a lower bound never exceeds the cost: the sum of k
-    distances between poses is at least k times the distance between the two mean poses, and leaving out columns can
-    only reduce this distance. Among sub-lists with equal costs, the earlier sub-list is taken. A column of the pose
-    vectors that has a missing value anywhere in ``history`` is not compared; the lower bounds cannot be used then, so
-    every sub-list is tested.
+    theta_s^(j-v)), where ed is the Euclidean distance, theta^t is the patient's newest pose, and theta_s^j is the
+    newest pose of the sub-list s). The second term is ``displacement_weight * k`` times the distance between the two
+    displacements (newest pose minus oldest pose). The second term is needed, since the same pose occurs in movements of
+    any direction and speed. history (k, d): the patient's last k poses, the newest last. Only sub-lists that are
+    followed by ``steps`` more frames are used. Sub-lists are skipped if a lower bound of their cost exceeds the costs
+    of the best ``count`` sub-lists so far. The result is still exact, since a lower bound never exceeds the cost: the
+    sum of k distances between poses is at least k times the distance between the two mean poses, and leaving out
+    columns can only reduce this distance. Among sub-lists with equal costs, the earlier sub-list is taken. A column of
+    the pose vectors that has a missing value anywhere in ``history`` is not compared; the lower bounds cannot be used
+    then, so every sub-list is tested.
     """
     k, listed = len(history), database.sublists
     known = np.flatnonzero(np.isfinite(history[:, : database.compared]).all(axis=0))
@@ -157,8 +158,8 @@ def _apart(summary: np.ndarray, query: np.ndarray, weight: np.float32) -> np.flo
 def _bound_segments(
     centre: np.ndarray, radius: np.ndarray, query: np.ndarray, scale: np.float32, weight: np.float32, bound: np.ndarray
 ) -> np.ndarray:
-    """Fill ``bound`` with a lower bound, per segment, of the costs of its sub-lists; return the segments with the
-    nearest centres, which are searched first.
+    """Fill ``bound`` with a lower bound, per segment, of the costs of its sub-lists; return the segments whose mean
+    summaries (``centre``) are nearest to ``query``; they are searched first.
     """
     nearest = np.full(min(_SEEDS, len(centre)), -1, dtype=np.int64)
     reach = np.full(len(nearest), np.float32(3.4e38), dtype=np.float32)
@@ -217,8 +218,9 @@ DAMPING: Final = 0.85
 # share of the velocity difference (patient minus matches) that is added to the matches' velocity. The share is below 1,
 # since the difference between the velocities of patient and matches is noisy
 OWN_VELOCITY: Final = 0.8
-# number of newest frames on which each of ``SPANS`` is tested. Each frame is predicted from the frames before it; the
-# squared errors of these predictions, summed over about 60 columns of the pose vector, determine the span's weight
+# number of newest frames on which the velocity over each of ``SPANS`` is tested. Each frame is predicted from the
+# frames before it; the squared errors of these predictions, summed over about 60 columns of the pose vector, determine
+# the span's weight
 _CHECKED_STEPS: Final = 6
 # a span's weight is 1 / (squared error to this power), so a squared error that is larger by a fifth halves the weight
 _SHARPNESS: Final = 4
@@ -378,7 +380,8 @@ def _blend(
     history: np.ndarray, steps: int, database: MotionDatabase, matches: Matches, config: MotionConfig
 ) -> Prediction:
     """Return the weighted mean of two predictions: by the matches (similar sub-lists), and by the patient's own
-    velocity. The weight of the matches is their trust (``_trust``).
+    velocity. The weight of the matches is the trust in them (``_trust``): over 0.5 if the matches would have predicted
+    the newest pose better than the velocity.
     """
     weight = (1e-6 + matches.distance_m[0]) ** 2 / (1e-6 + matches.distance_m) ** 2
     before = config.past
@@ -421,9 +424,10 @@ def span_shares(history: np.ndarray, spans: Sequence[int]) -> np.ndarray:
     span; the weights add up to 1. spans: in rising order.
 
     The velocity over a short span follows the movement quickly; the velocity over a long span averages out noise. The
-    weights follow from how well the velocity over each span would have predicted the newest frames from earlier frames,
-    over all columns. A span that is too long to be tested on the history (k, d), newest last, has weight 0; with two
-    frames the shortest span has weight 1. Columns with missing values are left out.
+    velocity over each span is tested: it predicts each of the newest frames from the frames before it. The smaller the
+    squared error, summed over all columns, the larger the span's weight. A span that is too long to be tested on the
+    history (k, d), newest last, has weight 0; with two frames the shortest span has weight 1. Columns with missing
+    values are left out.
     """
     known = history[:, np.isfinite(history).all(axis=0)]
     squared = np.full(len(spans), np.inf)

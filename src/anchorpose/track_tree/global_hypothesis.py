@@ -71,7 +71,7 @@ def link(now: SeenFrame, following: SeenFrame, config: HypothesisConfig, gate: G
 
     Five anchors in subsets of three give ten columns. If fewer anchors were found than a subset needs, the only subset
     has all found anchors; without anchors, the matcher has no columns. With ``Feature.POSITION``, the only column has
-    the nearest node.
+    the node of the next frame that is nearest in space, if it is within the search radius.
     """
     if config.feature is Feature.POSITION:
         nearest = nearest_hypotheses(now.surface, following.surface, gate)

@@ -51,8 +51,8 @@ class GateConfig:
     (e_1) and surface noise (e_2) can cause.
     """
 
-    # e_1, m, for anchor jitter. With both terms, the gate (largest accepted change of a descriptor) is 3 cm at 1 m from
-    # an anchor; the paper's 5 cm made the matches worse by a quarter
+    # e_1, m, for anchor jitter. The gate e_1 + e_2 (largest accepted change of a descriptor) is 3 cm at 1 m from an
+    # anchor; the paper's 5 cm made the matches worse by a quarter
     anchor_bound_m: NotNegative = 0.020
     # e_2, m per m of path to the anchor, for the noise of geodesic distances that remains after smoothing
     surface_bound_per_m: NotNegative = 0.010
@@ -156,9 +156,10 @@ class Matcher:
         match of a node must not depend on the other nodes.
         """
         self.subsets = subsets
-        # (k, s) as in ``Hypotheses``; a match that is not computed yet is -1, too
+        # (node_count, s), match of each node under each subset of the anchors: a node of the next frame; -1 = no match,
+        # or not computed yet
         self.match = np.full((node_count, len(subsets)), -1, np.int32)
-        # m, cost added to the distance between each match and its prediction
+        # m, cost that the track tree adds to the distance between each match and the node's predicted place
         self.cost_m = np.zeros((node_count, len(subsets)), np.float32)
         self._asked = np.zeros(node_count, dtype=bool)
         self._find = find

@@ -36,8 +36,8 @@ class Scratch(NamedTuple):
     distances: np.ndarray  # (5, n) distances of the nodes in ``spots`` to the anchors
     close: np.ndarray  # (n,) bit set of the anchors to which target node and source node have similar distances
     near: np.ndarray  # (n + 1,) target nodes in the ball
-    # (5, n + 1), for each anchor and each node in ``near``: squared difference between this node's distance to the
-    # anchor and the source node's distance to the anchor
+    # (5, n + 1), for each anchor and each target node in the ball (``near``): squared difference between the target
+    # node's distance to the anchor and the source node's distance to the anchor
     offset2: np.ndarray
     psi: np.ndarray  # (n + 1,) target nodes that are within the gate of a subset
     distance2: np.ndarray  # (n,) sum of ``offset2`` over the anchors of a subset
@@ -198,7 +198,9 @@ def _within(
 
 @njit(cache=True)
 def _middle(points: np.ndarray, near: np.ndarray, psi: np.ndarray, size: int, order: np.ndarray) -> int:
-    """Return the node of the set psi that is nearest to the average position of the set, -1 if the set is empty."""
+    """Return the node of the set psi (target nodes within the gate of a subset of anchors) that is nearest to the
+    average position of the set, -1 if the set is empty.
+    """
     x, y, z = 0.0, 0.0, 0.0
     for m in range(size):
         spot = near[psi[m]]

@@ -64,7 +64,10 @@ def fit_pairs(
 
 @njit(cache=True)
 def _weigh(source: np.ndarray, target: np.ndarray, T: np.ndarray, weight: np.ndarray) -> None:
-    """Fill weight (n,) with each pair's weight after a motion T: Cauchy's function of residual / median residual."""
+    """Fill weight (n,) with each pair's weight after a motion T: Cauchy's function 1 / (1 + r^2), where r is the pair's
+    residual (distance from the moved ``source`` point to the ``target`` point) divided by the median residual of all
+    pairs, or by ``LEAST_SCALE_M`` if that is larger.
+    """
     for row in range(len(source)):
         squared = 0.0
         for axis in range(3):
@@ -127,8 +130,9 @@ def plane_steps(
 
     Return each part's step (k, 6), a rotation about the part's centre and a translation, NaN if too few nodes are near;
     and the part's centre (k, 3). nearest (n,): the node nearest to each point of the skin; near (n,) bool: whether this
-    node is within reach. The plane's normal is the mean of the normals of skin point and node, as in
-    ``surface_constraints``. Parts do not move in directions that no node constrains.
+    node is within reach. Each skin point is pulled to the plane through its node; the plane's normal is the mean of the
+    normals of skin point and node, as in ``surface_constraints``. Parts do not move in directions that no node
+    constrains.
     """
     steps, centres = np.full((len(start) - 1, 6), np.nan), np.zeros((len(start) - 1, 3))
     planes, rows = np.empty((len(near), 4)), np.empty(len(near), np.int64)

@@ -174,8 +174,8 @@ def _sigma(
     rivals: Sequence[Rival],
 ) -> np.ndarray:
     """Return the joints' sigma_m (21,) from the covariance of the pose and the errors of the frame. Sigma is then
-    increased for three errors that neither of them includes: another pose may be the true pose (``rivals``), limbs may
-    lie on seen skin that the body does not cover, and cameras may blur depth edges.
+    increased for three errors that neither of them includes: another pose may be the true pose (``rivals``), the true
+    place of a limb may be on seen skin that the estimated body leaves uncovered, and cameras may blur depth edges.
     """
     evidence = observation.evidence
     noise = noise_covariance(body, belief, evidence, config.registration)

@@ -168,7 +168,8 @@ def body_pose(
 def axial_sigma(body: Body, pose: Pose, covariance: np.ndarray, inflation: float) -> np.ndarray:
     """Return (21,) radians: standard deviation of each bone's turn about its long axis, relative to its parent bone.
 
-    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: factor on sigma, as in ``UncertaintyConfig``.
+    covariance (POSE_SIZE, POSE_SIZE): covariance of the pose; inflation: factor that converts the sigma of this
+    covariance to the reported sigma (``UncertaintyConfig``).
     """
     mesh, moving = body.mesh, body.points.moving
     along = mesh.bone_tails[moving] - mesh.bone_heads[moving]

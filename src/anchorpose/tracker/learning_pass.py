@@ -272,8 +272,11 @@ def _posed(kept: Sequence[_Seen]) -> list[PosedFrame]:
 
 
 def known_nats(learnt: LearntPatient, window: _Window, run: Run) -> float:
-    """Return the log probability, in nats, of the body's facing in this window, plus that of the learnt shape given the
-    user's statements about the patient. Errors of the images do not affect either of these two log probabilities.
+    """Return the sum of two log probabilities, in nats, that follow from prior knowledge: of the way in which the body
+    faces a single camera (``facing_nats``, mean over the window's frames; 0 with several cameras), and of the learnt
+    shape given the stated height, age and sex, relative to the same shape without these statements. Differences of this
+    sum between two facings count in full; ``believed`` reduces only the differences of ``window_nats``, which errors of
+    the body affect.
     """
     body, cameras = build_body(body_points(), learnt.shape), run.room.cameras
     facing = float(np.mean([facing_nats(body, seen.pose, cameras) for seen in window.kept]))

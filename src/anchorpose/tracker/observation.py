@@ -36,8 +36,9 @@ DESCRIBED_EVERY: Final = 8
 def is_described(frame_set: FrameSet) -> bool:
     """Return whether the learnt descriptor checks this frame. The frame's position in the recording decides; the
     frame's number decides only if the position is unknown, since the numbers of a recording's images may leave out
-    every multiple of ``DESCRIBED_EVERY``. A check has two parts: it compares the limbs to which descriptor and pose
-    assign skin, and it searches the patient's pixels for several people.
+    every multiple of ``DESCRIBED_EVERY``. A check has two parts: the limb to which the descriptor assigns seen skin is
+    compared with the limb to which the pose assigns this skin, and the patient's pixels are searched for several
+    people.
     """
     place = frame_set.frame if frame_set.position is None else frame_set.position
     return place % DESCRIBED_EVERY == 0
@@ -83,7 +84,8 @@ class SeenSurface:
 
     whole: Surface  # the seen surface, and hidden skin that is inferred
     seen: Surface  # only the seen part of the surface
-    # (n,) uint8 of ``Border``, per node of ``whole``: whether the surface ends near the node, and the kind of border
+    # (n,) uint8 of ``Border``, per node of ``whole`` (seen and inferred surface): whether the surface ends near the
+    # node, and the kind of border
     border: np.ndarray
     evidence: Evidence  # the data to which the body is registered, including the seen surface
 
@@ -103,7 +105,9 @@ class AnchorDistances:
         self._found = None
 
     def of_seen_nodes(self) -> np.ndarray:
-        """Return the distances (n, 5) as ``Observation.descriptor`` defines them."""
+        """Return (n, 5) metres: the geodesic distance from each seen node to each anchor, with inf and NaN as in
+        ``Observation.descriptor``.
+        """
         if self._found is None:
             with self._stopwatch.stage("geodesics"):
                 self._found = self._compute()
@@ -142,8 +146,9 @@ class Observation:
         """Return (n, 5) metres: the geodesic distance from each seen node to each anchor; inf if no path leads to the
         anchor, NaN if the anchor is missed.
 
-        A distance that a hole in the surface lengthens is NaN, too, if the node has at least ``LEAST_TRUSTED`` other
-        distances that are not lengthened.
+        A distance that a hole in the surface lengthens, or that is infinite, becomes NaN, too, if the node has at least
+        ``LEAST_TRUSTED`` other distances that are not lengthened; with the setting ``hypotheses.trusted_only`` switched
+        off, it is kept.
         """
         return self.distances.of_seen_nodes()
 

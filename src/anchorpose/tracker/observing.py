@@ -75,7 +75,9 @@ def people_of(frame_set: FrameSet, run: Run) -> Crowd:
 
 
 def isolate_first(frame_set: FrameSet, choice: PatientChoice, run: Run, crowd: Crowd | None = None) -> Isolated:
-    """Label the people of a frame in which only the patient's place is known. crowd: as in ``observe_first``."""
+    """Label the people of a frame in which only the patient's place is known. crowd: the frame's people, None if not
+    found yet.
+    """
     cameras, bystanders = run.room.cameras, Bystanders()
     crowd = crowd or people_of(frame_set, run)
     with run.stage("isolation"):
@@ -125,8 +127,8 @@ def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> By
 
 
 def step_of(expected: Expectation, memory: BystanderMemory, pieces: Sequence[Pieces | None], run: Run) -> np.ndarray:
-    """Return the step (3,) from the patient's expected place to the place where ``memory`` has the patient; zero if
-    both agree.
+    """Return the step (3,) from the patient's expected place to the place where the remembered skin (``memory``) shows
+    the patient; zero if both agree.
     """
     seen_m = memory.seen_last.get(PixelLabel.PATIENT)
     if seen_m is None:
@@ -140,13 +142,15 @@ def patient_likelihood(expected: Expectation, elapsed_s: float) -> tuple[Ownersh
     """Return the likelihood that a place belongs to the patient, from the predicted skin; and, as a separate value, the
     predicted skin of limbs that have been hidden for long. elapsed_s: time since the last frame.
 
-    The patient's predicted skin is assumed to be as uncertain as a bystander's. Where both are expected, a pixel gets
-    the label of the person whose predicted skin is nearer, or to whose surface the pixel is connected. A more certain
-    skin would take pixels from other people, and these pixels would then confirm a wrong pose.
+    The patient's predicted skin is assumed to be as uncertain as a bystander's. Where the patient and a bystander are
+    both expected, a pixel gets the label of the person whose predicted skin is nearer, or to whose surface the pixel is
+    connected. If the patient's skin were assumed to be more certain, it would take pixels from other people, and these
+    pixels would then confirm a wrong pose.
 
     A limb that has been hidden for long is left out of the likelihood, since otherwise any surface near its predicted
     place would be mistaken for this limb. When the limb reappears, its connection to the patient's surface shows whose
-    limb it is. If it reappears as a separate piece, the place of the whole piece decides (``label_hidden_limbs``).
+    limb it is. If it reappears as a separate piece without a person's label, the place of the piece's centre decides
+    whether the piece gets the patient's label (``label_hidden_limbs``).
     """
     spread = SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * expected.unfitted_s
     sure, sigma = expected.sigma_m < LOOSEST_SKIN_M, np.hypot(spread, expected.sigma_m)
@@ -164,8 +168,8 @@ def _separated(
     elapsed_s: float,
     run: Run,
 ) -> tuple[View | None, ...]:
-    """Label the pixels of all people; due: as in ``one_patient``; elapsed_s: time since the frame in which the
-    bystanders' bodies were fitted.
+    """Label the pixels of all people; due: whether the learnt descriptor searches the patient's pixels for other people
+    in any case; elapsed_s: time since the frame in which the bystanders' bodies were fitted.
     """
     with run.stage("isolation"):
         others = bystander_likelihood(bystanders, body_points(), elapsed_s)
@@ -223,7 +227,9 @@ def see_surface(isolated: Isolated, expected: Expectation | None, run: Run) -> S
 
 
 def see_anchors(surface: SeenSurface, expected: Expectation | None, height_m: float, run: Run) -> Anchors:
-    """Find the anchors (head, hands and feet) on the patient's surface. height_m: as in ``observe``."""
+    """Find the anchors (head, hands and feet) on the patient's surface. height_m: the patient's height, with which the
+    distances between anchors scale.
+    """
     with run.stage("geodesics"):
         facing, places = (FORWARD, None) if expected is None else (expected.facing, expected.anchors_m)
         cut = surface.border == Border.CUT

@@ -270,7 +270,7 @@ class PatientTracker:
             self.pace = WALKING if step.any() else PATIENT_PACE
         # surface: make one mesh from all cameras, cut where the body touches itself, closed where skin is hidden
         surface = see_surface(isolated, expected, self.run)
-        # anchors: find head, hands and feet in the depth image (Definition 2)
+        # anchors: find head, hands and feet on this surface (Definition 2 of the paper)
         anchors = see_anchors(surface, expected, self.height_m, self.run)
         return gather(frame_set, expected, isolated, surface, anchors, self.run)
 
@@ -410,7 +410,9 @@ class PatientTracker:
         self.history.extend(past_m)
 
     def _fit(self, predicted: PoseBelief, held: Constraints) -> Registration:
-        """Register the body to the next frame; the ``held`` constraints apply only in the first registration steps."""
+        """Register the body to the next frame; the constraints ``held``, which follow from the track tree's matches and
+        the anchors, apply only in the first registration steps.
+        """
         seen, config = self.window[1], self.config.registration
         return register(self.body, predicted, seen.evidence, held, config, self.feet.rows(seen.frame_set.time_s))
 

@@ -27,8 +27,8 @@ STAYS_M: Final = 0.40
 # m; two people whose usual places are closer together than this are one person. The value is half of the minimum
 # distance between the pelvises of two people
 SAME_M: Final = 0.15
-# minimum share of a person's nodes that must lie near the rough body; people have at least 0.68, objects up to 0.70
-# (``MOST_PAST`` rejects these)
+# minimum share of a person's nodes that must lie near the rough body; people have at least 0.68. Objects have up to
+# 0.70; they are rejected because cameras see past the fitted body (``MOST_PAST``)
 HUMAN: Final = 0.65
 # maximum share of a trunk that cameras may see past (read something farther away); it is 0.25 for a person in a lunge,
 # and 0.37 and more for a chair that was taken for a person

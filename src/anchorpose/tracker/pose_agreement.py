@@ -101,8 +101,8 @@ def compare_cameras(
     samples: Sequence[FrameSet],
     clocks_known: bool = True,
 ) -> list[CameraPair]:
-    """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording; clocks_known: as
-    in ``seen_past``.
+    """Compare every pair of cameras; ``samples`` are frames of all cameras, spread over the recording; clocks_known:
+    whether the depth images of all cameras in a sample were taken at the same time.
     """
     chosen = [samples[k] for k in thin(len(samples), FRAMES)]
     whole = [frame for frame in chosen if all(depth is not None for depth in frame.depths_m)]

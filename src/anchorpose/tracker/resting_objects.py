@@ -163,9 +163,9 @@ def _whole_share(
 def _layer(
     piece: np.ndarray, still: _Still, seen: Recorded, samples: np.ndarray, model: BackgroundModel
 ) -> RestingLayer:
-    """Make the ``RestingLayer`` of an object (``piece``) and its rim; the layer begins at the time of the first of
-    ``samples``. The standard deviation of the object's readings is measured, and is assumed to grow with the square of
-    the depth.
+    """Make the ``RestingLayer`` (depth and its standard deviation per pixel) of an object (``piece``) and its rim, the
+    pixels just around the object. The layer begins at the time of the first of ``samples``. The standard deviation of
+    the object's readings is measured, and is assumed to grow with the square of the depth.
     """
     readings = np.where(still.agrees[samples][:, piece], seen.frames_m[samples][:, piece], np.nan)
     read = np.isfinite(readings).any(axis=0)

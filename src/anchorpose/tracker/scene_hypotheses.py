@@ -56,8 +56,8 @@ USUAL: Final = 3.0
 # of a bystander's movement is limited to the same value; the cost of the assumption that the patient is hidden is
 # limited to twice this value
 STRANGE: Final = 6.0
-# (21,) bool, joints whose movement counts: all joints of the patient; a bystander's trunk, since limbs of rough bodies
-# are often misplaced
+# (21,) bool, joints whose movement counts. EVERY: all joints, for the patient; OF_TRUNK: the joints of the trunk, for a
+# bystander, since limbs of rough bodies are often misplaced
 EVERY: Final = np.ones(JOINT_COUNT, dtype=bool)
 OF_TRUNK: Final = LIMB_OF_JOINTS == TRUNK
 
@@ -80,9 +80,10 @@ class SceneHypothesis:
         return self.registration.found and float(np.linalg.norm(apart_m)) > TWO_PEOPLE_M
 
     def ahead_of(self, other: SceneHypothesis) -> float:
-        """Return by how many nats this hypothesis is likelier than another. The difference of the two hypotheses'
-        values ``readings`` is reduced (``believed``), since errors of body shape and clothes can cause it. Such errors
-        are assumed in all parts of two bodies, since two people may be exchanged.
+        """Return by how many nats this hypothesis is likelier than another. The lead in ``readings`` (how much of the
+        depth readings each hypothesis explains) is reduced (``believed``), since errors of body shape and clothes can
+        cause it. The reduction assumes such errors in the trunk and limbs of two bodies, since the hypotheses may
+        exchange two people.
         """
         return believed(self.readings - other.readings, 2 * PARTS) + self.movement - other.movement
 
@@ -218,7 +219,8 @@ def _scored(seen: Observation, found: Registration, known: KnownPeople) -> Scene
 
 def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
     """Return the hypothesis that the patient is hidden, and that the patient of another hypothesis is a bystander. Both
-    hypotheses have the same value ``readings``, since the same body explains this person's pixels.
+    hypotheses explain the depth readings equally well (same value ``readings``), since the same body explains this
+    person's pixels.
     """
     at = known.body.joints(of.registration.belief.pose)
     away = {label: one for label, one in known.bystanders.items() if label not in of.joints_m}
@@ -263,8 +265,8 @@ def _known_labels(isolated: Isolated, now: Observation, known: KnownPeople) -> n
 
 def _names(found: Sequence[np.ndarray | None], expected: Mapping[int, ExpectedJoints], free: int) -> np.ndarray:
     """Return the label (n,) uint8 of each person found. Bystanders are assigned to people so that the total cost of
-    movement is least; a person whose movement would cost ``STRANGE`` gets a new label, from ``free`` on. found: each
-    person's joints (21, 3), None without a body.
+    movement is least; a person whose movement would cost ``STRANGE`` (the maximum cost) gets a new label, from ``free``
+    on. found: each person's joints (21, 3), None without a body.
     """
     labels = np.minimum(free + np.arange(len(found)), LAST_LABEL).astype(np.uint8)
     costs = np.array([[_came(one, joints_m) for one in expected.values()] for joints_m in found])

@@ -37,8 +37,8 @@ from anchorpose.tracker.sighting import Crowd
 
 # a forearm or shank counts as fully seen if this share of its skin is seen; a camera sees at most half of the skin
 SEEN = 0.3
-# maximum rarity (sum of squared joint deviations) of a pose that counts as usual; correct first poses have 15 to 60,
-# wrong poses over 100
+# maximum rarity (sum of the squared deviations of all joints from their usual range) of a pose that counts as usual;
+# correct first poses have 15 to 60, wrong poses over 100
 USUAL = 60.0
 # minimum quality of a start (first pose) in a recording without equipment; correct first poses have 0.35, wrong first
 # poses in a crowd less than 0.25
@@ -178,8 +178,9 @@ def _start_with(
     """Return the start of tracking from a registered first pose, after a search for misplaced limbs; None if the pose
     does not fit.
 
-    expected: as in ``find_start``. facing: as in ``start_as_learnt``; if it is given, the search does not turn the body
-    round. turned: a pose with the opposite facing, which becomes a rival of the first pose.
+    expected: the pose expected after a loss. facing: the facing that learning from a longer stretch of the recording
+    has decided; if it is given, the search does not turn the body round. turned: a pose with the opposite facing, which
+    becomes a rival of the first pose.
     """
     if not found.found:
         return None

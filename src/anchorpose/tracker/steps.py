@@ -21,7 +21,8 @@ from anchorpose.isolation.scene import Pieces
 
 REACH_M: Final = 0.60  # m, maximum length of a step from frame to frame: 3 m/s at 5 frames per second
 GRID_M: Final = 0.05  # m, spacing of the steps (movements over the ground) that are tried: half a limb's width
-# m, maximum gap between a moved point and the reading at its pixel: half of GRID_M, plus clothes and noise
+# m, maximum gap between a moved point and the reading at its pixel: half the spacing of the tried steps (GRID_M), plus
+# clothes and noise
 SAME_M: Final = 0.06
 # m; a reading this far behind a point refutes the point: the person's skin is not there
 PAST_M: Final = 0.15
@@ -94,8 +95,8 @@ def _options(
 
 
 def _together(chosen: Sequence[_Option]) -> float:
-    """Return the sum of ``worth`` over the chosen steps, one step per person; -inf if a step would bring two people to
-    the same place.
+    """Return the sum of ``worth`` (mainly the share of points found minus the share refuted) over the chosen steps, one
+    step per person; -inf if a step would bring two people to the same place.
     """
     for one, other in combinations(chosen, 2):
         if (one.step.any() or other.step.any()) and np.linalg.norm(one.place_xz_m - other.place_xz_m) < APART_M:
