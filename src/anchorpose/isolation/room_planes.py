@@ -55,7 +55,7 @@ def find_planes(
     room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
     """Return planes (4,) in the camera frame, largest first: unit normal away from the camera, then offset, with
-    ``normal @ p = offset``.
+    ``normal @ p = offset`` for every point p of the plane.
 
     room_m: as in ``depth_of_room``; most_beyond: maximum share of the readings that may lie on the far side of a plane.
     """
