@@ -117,7 +117,7 @@ def transform_points(T_target_source: np.ndarray, points_source: np.ndarray) -> 
 
 
 def invert_rigid(T_target_source: np.ndarray) -> np.ndarray:
-    """Return T_source_target of a rigid (4, 4) transform."""
+    """Return the inverse, T_source_target, of a rigid transform (4, 4)."""
     inverse = np.eye(4)
     inverse[:3, :3] = T_target_source[:3, :3].T
     inverse[:3, 3] = -T_target_source[:3, :3].T @ T_target_source[:3, 3]

@@ -31,8 +31,8 @@ class AnchorposeError(Exception):
     """An error that the user can correct; the command line prints its message and exits with status 2."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # an error that a worker process raises is pickled; with this, it is restored without a call of ``__init__``,
-        # since ``args`` are not the arguments of ``__init__``
+        # pickle uses this value to restore an error that a worker process raised. The error is restored without a call
+        # of ``__init__``, since ``args`` are not the arguments of ``__init__``
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 

@@ -94,7 +94,7 @@ def _track(folder: Path, results: Path, config: TrackConfig, progress: Progress,
     shared = objects | {"points": points, "asset": points.asset}
     journal = Journal(begun, shared)
 
-    # stage body: learn the shape of the patient's body in a first pass over the first seconds
+    # stage body: learn the shape of the patient's body in a first pass over up to three stretches of the recording
     learnt = journal.once("learnt", LearntPatient | None, lambda: learn_on(plan_route(room, config, tick), run))
     if learnt is not None and not (recording.subject.height_m or is_human(learnt.shape)):
         learnt, run = None, run.without_patient(NoStart.NOT_HUMAN)

@@ -19,8 +19,8 @@ FORWARD, UP, RIGHT = np.eye(3)
 # maximum ratio of the second to the first singular value of the covariance of two sets of points, for the points to
 # count as collinear
 COLLINEAR_RATIO: Final = 1e-3
-# m2, (1 micrometre)²; points also count as collinear if the second singular value is at most this, whatever the ratio
-# is
+# m2, (1 micrometre)²; points also count as collinear if the second singular value of that covariance is at most this,
+# whatever the ratio of the singular values is
 ONE_PLACE_M2: Final = 1e-12
 
 

@@ -4,9 +4,9 @@ Definition 2, Section IV-B). An extremum is a node farther from the centre, alon
 Three kinds of evidence decide which anchor (which body part) an extremum is. (1) Its place: the distance from the
 centre, the height above the body's middle, and the distance to the left of the middle. (2) Its path to the centre:
 where the path enters the trunk, and the distance from the head along the paths; both are valid in any pose. (3) Its
-distance from the predicted place. Each kind of evidence adds to the cost of giving an anchor's name to an extremum. The
-cost of the third kind is bounded, so the prediction decides only if place and path leave open which anchor the extremum
-is. A wrong prediction therefore does not confirm itself.
+distance from the place that tracking predicts for the anchor. Each kind of evidence adds to the cost of giving an
+anchor's name to an extremum. The cost of the third kind is bounded, so the prediction decides only if place and path
+leave open which anchor the extremum is. A wrong prediction therefore does not confirm itself.
 
 The module also computes the anchor descriptor f (paper, Definition 3): every node's geodesic distance to every anchor.
 """
@@ -105,10 +105,11 @@ def place_costs(surface: Surface, field: CenterField, caps: list[Cap], frame: Fr
     the extrema. An extremum is the tip (the farthest node) of a cap in ``caps``.
 
     The first result is (k, 5), with one row per extremum and one column per anchor, in squared tolerances. It compares
-    the five values of an extremum with the five usual values of an anchor, a row of ``PLACES``: the differences, each
-    limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second result is (k, k): the distances between
-    the extrema, in body heights. A distance between two extrema runs from the first extremum along its path towards the
-    centre, straight across the trunk, and along the path of the second extremum to this extremum.
+    five values of an extremum, such as its height above the body's middle, with their usual values at an anchor, a row
+    of ``PLACES``: the differences, each limited to ``FARTHEST_OFF`` tolerances, are squared and summed. The second
+    result is (k, k): the distances between the extrema, in body heights. A distance between two extrema runs from the
+    first extremum along its path towards the centre, straight across the trunk, and along the path of the second
+    extremum to this extremum.
     """
     middle, height = seen_mean(surface), frame.height_m
     reach = np.array([cap.reach_m for cap in caps])
@@ -178,8 +179,9 @@ def name_extrema(off2: np.ndarray, apart: np.ndarray, away: np.ndarray, excluded
 
 def _with_prediction(off: np.ndarray, away: np.ndarray) -> np.ndarray:
     """Return the cost (k, 5) of each extremum as each anchor, from its distances from the usual place and from the
-    predicted place; inf if the name is not allowed. off (k, 5): distance from the usual place, in tolerances; away (k,
-    5): distance from the predicted place, in units of the gate.
+    predicted place; inf if the extremum is beyond the gate and the anchor's name is not clear (``name_extrema``). off
+    (k, 5): distance from the usual place, in tolerances; away (k, 5): distance from the predicted place, in units of
+    the gate.
     """
     cost = off + np.where(np.isnan(away), UNPREDICTED, PREDICTION * np.minimum(away, 1.0))
     cost = np.where(away < 1.0, np.minimum(cost, AT_PREDICTION), cost)
@@ -232,20 +234,20 @@ class Anchors:
 
 @settings
 class AnchorConfig:
-    """Settings of the anchors. Lengths are fractions of the subject's height (paper, Section VI)."""
+    """Settings for finding the anchors. Each length is divided by the subject's height (paper, Section VI)."""
 
     radius: Positive = 0.5 / 1.75  # r of Definition 2: 0.5 m on a person of 1.75 m
     # depth of an extremum's cap (the surface around it), measured from the tip towards the body's centre (6 cm, about a
     # fist)
     cap: Positive = 0.06 / 1.75
-    # distance from the predicted place within which an extremum is accepted in any pose; half the length of forearm and
-    # hand
+    # distance from an anchor's predicted place within which an extremum is accepted as this anchor in any pose; half
+    # the length of forearm and hand
     gate: Positive = 0.25 / 1.75
 
 
-# distance from the head's predicted place within which an extremum is accepted in any pose (gate), divided by the body
-# height. The head's gate is smaller than the gate of a hand: a head moves less, and the neck of a hidden head, 20 cm
-# away, must not be mistaken for the head
+# gate of the head: the distance from its predicted place, divided by the body height, within which an extremum is
+# accepted as the head in any pose. This gate is smaller than the gate of a hand: a head moves less, and the neck of a
+# hidden head, 20 cm away, must not be mistaken for the head
 HEAD_GATE: Final = 0.18 / 1.75
 # distance divided by the body height; an extremum within this distance of an anchor's predicted place can be the anchor
 # even if an object cuts the surface off there, or if hidden skin continues beyond it

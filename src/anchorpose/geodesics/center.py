@@ -35,7 +35,7 @@ class CenterField:
     distance_m: np.ndarray  # (n,) float32, inf on pieces that show less than ``LEAST_AREA_M2`` of skin
     piece: np.ndarray  # (n,) int32, number of each node's piece, as in ``surface.links.pieces``
     # (p,) int32, the node of each piece from which distances on the piece are measured: V_c on the main piece, -1 on a
-    # piece that is too small
+    # piece that shows less than ``LEAST_AREA_M2`` of skin
     root: np.ndarray
     # (p,) int32, for each piece, the node of another piece on the other side of the gap, opposite ``root``; -1 for the
     # main piece and for pieces without a root

@@ -58,10 +58,11 @@ def geodesic_extrema(surface: Surface, field: np.ndarray, radius_m: float) -> np
     first.
 
     field (n,) float32: geodesic distance from the centre; nodes with the distance inf (not connected to the centre) are
-    never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. This rule of the paper
-    is applied exactly, as follows. Each seen node that is farther from the centre than all its seen neighbours is a
-    candidate. From each candidate, a front spreads over the surface, up to the distance ``radius_m``. If the front
-    meets a seen node that is at least as far from the centre, the candidate is not an extremum.
+    never extrema. radius_m: the paper's r, a distance along the surface, hidden skin included. The paper's definition
+    of an extremum is applied without approximation, as follows. Each seen node that is farther from the centre than all
+    its seen neighbours is a candidate. From each candidate, a front spreads over the surface, up to the distance
+    ``radius_m``. If the front meets a seen node that is at least as far from the centre, the candidate is not an
+    extremum.
     """
     if field.shape != (len(surface),):
         raise ValueError(f"field is {field.shape}, the surface has {len(surface)} nodes")
@@ -168,8 +169,8 @@ def _cap(
 
 def _is_stump(surface: Surface, field: np.ndarray, nodes: np.ndarray, cut: np.ndarray) -> bool:
     """Return whether a cap is a stump, at which the surface ends only because something hides the rest of the limb. It
-    is a stump if, of the nodes in its outer half, at least the share ``STUMP_SHARE`` lie at a cut; this must hold for
-    each camera that sees the outer half.
+    is a stump if, of the nodes in its outer half, at least the share ``STUMP_SHARE`` lie at a cut (a border where
+    something else cuts the surface); this must hold for each camera that sees the outer half.
     """
     outer = nodes[field[nodes] >= (field[nodes].max() + field[nodes].min()) / 2.0]
     seen = np.bincount(surface.camera[outer])

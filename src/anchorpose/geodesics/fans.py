@@ -169,7 +169,8 @@ def gather(fans: Fans, distance: np.ndarray, bend: np.ndarray, active: np.ndarra
 def _to_lanes(table: np.ndarray, k: int, at: Any, e: float, n: float, w: float, s: float) -> None:
     """Copy a value of each of the four sides (the neighbours E, N, W and S of a node) to row k of the table, for every
     lane. The eight columns from ``at`` on get the value of the side in the lane's left triangle (``LEFT``), and the
-    eight columns from ``at + 6`` on the value of the side in the lane's right triangle (``RIGHT``).
+    eight columns from ``at + 6`` on the value of the side in the lane's right triangle (``RIGHT``). Both groups share
+    two columns, which have the same values in both.
     """
     table[k, at], table[k, at + 1], table[k, at + 2], table[k, at + 3] = n, w, s, e
     table[k, at + 4], table[k, at + 5], table[k, at + 6], table[k, at + 7] = n, w, s, e
@@ -214,8 +215,9 @@ def _through(
     own: float, own_bend: float, arm2: float, arm: float, side: float, side_bend: float, side2: float, dot: float
 ) -> tuple:
     """Return the candidate distance of a neighbour of the node, by a path through the triangle of the node, this
-    neighbour and a side (E, N, W or S), and the bend (as in ``Front``) of this path. Also return how sharply a path
-    turns at the node if it cannot cross the triangle: 1 - cos of the angle, times ``FULL_TURN``.
+    neighbour and a side (E, N, W or S), and the bend (as in ``Front``) of this path. Also return how sharply the path
+    from the source to the node would turn there in order to run along the edge to the neighbour: (1 - cos of this
+    angle) times ``FULL_TURN``, or 1 if the triangle or the distance of the side is missing.
 
     own, side: distances of the node and of the side from the source; arm: length of the edge from the node to the
     neighbour; side2: squared length of the edge from the node to the side; dot: the dot product of these two edges. The

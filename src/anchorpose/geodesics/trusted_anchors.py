@@ -256,8 +256,8 @@ def _detours(mesh: MeshArrays, is_open: np.ndarray, hole: np.ndarray, fields: np
     for row in range(len(fields)):
         distance, found = fields[row], every[row]
         chain[:] = -1
-        # nodes whose path may bend: open rim nodes, and nodes next to an open rim node, or a node in a shadow, that is
-        # nearer to the anchor
+        # nodes whose path may bend: open rim nodes, and all nodes with a neighbour that is nearer to the anchor and is
+        # an open rim node or lies in a shadow
         affected = is_open.copy()
         for number in by_distance(distance):
             node: Any = np.int64(number)
@@ -320,9 +320,10 @@ def _set_heading(
 def _detour_of(
     distance: np.ndarray, found: np.ndarray, bend: np.ndarray, chain: np.ndarray, node: int, before: int
 ) -> np.float32:
-    """Return a node's detour: the length of its path, laid flat, minus the chord. If the node is so deep in a shadow
-    that the corners of its path are not computed, return the detour of the preceding node of the path; outside shadows,
-    return 0.
+    """Return a node's detour: the length of the path from the anchor to the node, minus the length of the chord (the
+    straight line between the ends of this path when it is laid flat). If the node is so deep in a shadow that the
+    corners of its path are not computed, return the detour of the preceding node of the path; outside shadows, return
+    0.
     """
     if chain[node, CORNER] >= 0:
         chord = np.sqrt(bend[node, PLACE] ** 2 + bend[node, PLACE + 1] ** 2)

@@ -144,8 +144,8 @@ def equipment_depth(camera: Camera, equipment: EquipmentModel) -> np.ndarray:
 
 
 def expect_equipment(drawn_m: np.ndarray, background: BackgroundModel) -> ExpectedEquipment:
-    """Compute, for each pixel, the range of depths in which a reading shows the equipment. Once per camera is enough,
-    since the equipment does not move.
+    """Compute, for each pixel, the range of depths in which a reading shows the equipment. These ranges are computed
+    only once per camera, since the equipment does not move.
 
     drawn_m: from ``equipment_depth``. The equipment's silhouette is made one pixel wider than it is drawn, since a
     pixel that lies half on a bar reads the bar.

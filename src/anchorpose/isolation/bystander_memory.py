@@ -89,8 +89,8 @@ class BystanderMemory:
         """Predict the remembered skin ``elapsed_s`` after the last frame. A point's uncertainty grows with the time
         since the point was seen.
 
-        doubt_m: a further standard deviation in metres, added in quadrature to the skin's own, for memories whose
-        person labels may be wrong.
+        doubt_m: a further standard deviation in metres, added in quadrature to the standard deviation of each point of
+        skin, for memories whose person labels may be wrong.
         """
         spread = np.hypot(np.hypot(SIGMA_M, doubt_m), SPEED_M_S * (self.age_s + abs(elapsed_s)))
         return OwnershipLikelihood(self.points_m, self.owner, spread.astype(np.float32))

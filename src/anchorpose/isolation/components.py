@@ -31,9 +31,9 @@ class JumpLimit(NamedTuple):
 
 
 def jump_limit(noise_per_m: float, focal_px: float) -> JumpLimit:
-    """Return the limit of depth differences for a sensor with noise ``noise_per_m z^2``. The limit is the change of
-    depth per pixel on the steepest surface, plus ``JUMP_GATE`` standard deviations of the difference between two
-    readings.
+    """Return the limit of depth differences for a sensor whose readings at depth z have the standard deviation
+    ``noise_per_m z^2``. The limit is the change of depth per pixel on the steepest surface, plus ``JUMP_GATE`` standard
+    deviations of the difference between two readings.
     """
     return JumpLimit(float(JUMP_GATE * np.sqrt(2.0) * noise_per_m), float(np.tan(STEEPEST_SLOPE_RAD) / focal_px))
 

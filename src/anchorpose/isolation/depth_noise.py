@@ -54,7 +54,7 @@ class DepthDetail:
     @property
     def limbs_until_m(self) -> float:
         """Return the distance from the camera, in metres, beyond which depth edges (ramps from an object's depth to the
-        depth behind it) are wider than a forearm, so that no pixel on the forearm has its depth.
+        depth behind it) are wider than a forearm, so that no pixel shows the forearm's own depth.
         """
         return LIMB_M * self.focal_px / self.edge_px
 
@@ -172,8 +172,8 @@ class DepthNoise:
         """Return sigma, metres, at each depth of an array; slant_deg: array of the same shape, None = facing the
         camera.
 
-        The ratio sigma / z^2 is interpolated linearly between the depths at which it was measured, and constant beyond
-        them.
+        The ratio sigma / z^2, where z is the depth, is interpolated linearly between the depths at which it was
+        measured, and is constant beyond them.
         """
         depth = np.asarray(depth_m, np.float64)
         per_square = np.interp(depth, self.at_m, np.divide(self.sigma_at_m, np.square(self.at_m)))
@@ -191,8 +191,8 @@ class DepthNoise:
 
 
 def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
-    """Return the noise for a camera that sees no still background: sigma is ``neighbours_per_m z^2``, where the factor
-    comes from ``calibration.first_frames.noise_per_m``, and the errors of pixels count as independent.
+    """Return the noise for a camera that sees no still background: sigma is ``neighbours_per_m z^2`` at depth z, where
+    the factor comes from ``calibration.first_frames.noise_per_m``, and the errors of pixels count as independent.
     """
     return DepthNoise((1.0,), (neighbours_per_m,), measured=False)
 
@@ -201,7 +201,8 @@ def neighbour_noise(neighbours_per_m: float) -> DepthNoise:
 class Sensor(DepthDetail):
     """The measured properties of one camera's depth images."""
 
-    # 1/m; sigma of a reading is ``noise_per_m z^2``, as measured between neighbouring readings of one surface
+    # 1/m; sigma of a reading at depth z is ``noise_per_m z^2``, as measured between neighbouring readings of one
+    # surface
     noise_per_m: float
     noise: DepthNoise  # noise of a single reading
 

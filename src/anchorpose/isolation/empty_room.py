@@ -60,7 +60,8 @@ LEAST_READ: Final = 0.15  # the room is known at a pixel if at least this share 
 OFTEN_READ: Final = 0.5
 # sigmas of the noise, maximum difference between readings of one surface, to which ``SAME_M`` (metres) is added
 SAME_SIGMAS: Final = 6.0
-# percentiles of a pixel's readings over time; both show the room if at least a fifth of the pixel's readings show it
+# two percentiles of a pixel's readings over time. Both show the room if at least a fifth of these readings show it;
+# their difference then gives sigma
 FAR_PERCENTILE, NEAR_PERCENTILE = 95, 80
 FAR_SIGMAS, NEAR_SIGMAS = 1.6449, 0.8416  # positions of these percentiles in a normal distribution, in sigmas
 
@@ -228,8 +229,8 @@ def _noise_behind(depth_m: np.ndarray, frames_m: Sequence[np.ndarray], noise: fl
     """Return the standard deviation (height, width), metres, of readings on the background, measured block by block.
 
     Only readings *behind* the background are used: no person can be there, so their distance from the background is
-    noise. This distance has a half-normal distribution, and its median gives the standard deviation. Blocks that people
-    always cover get the image's median of sigma / z^2.
+    noise. This distance has a half-normal distribution, and its median gives the standard deviation. For a block that
+    people always cover, sigma / z^2 (z: depth) is the median over the other blocks.
     """
     known = depth_m > 0
     behind = np.stack([np.where((frame > depth_m) & known, frame - depth_m, np.nan) for frame in frames_m])
@@ -290,8 +291,8 @@ def _block_median(values: np.ndarray) -> np.ndarray:
 
 
 def _as_sigma(factor: np.ndarray, depth_m: np.ndarray, floor: float) -> np.ndarray:
-    """Convert the factors of z^2 of image blocks (NaN = unknown) to the sigma of each pixel (height, width) in metres;
-    factors below ``floor``, the factor of the sensor's own noise, are raised to ``floor``.
+    """Convert the noise factor of each image block (sigma / z^2 at depth z; NaN = unknown) to the sigma of each pixel
+    (height, width) in metres; factors below ``floor``, the factor of the sensor's own noise, are raised to ``floor``.
     """
     typical = float(np.nanmedian(factor)) if np.isfinite(factor).any() else floor
     whole = np.maximum(np.where(np.isfinite(factor), factor, typical), floor).astype(np.float32)

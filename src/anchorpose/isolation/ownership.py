@@ -22,7 +22,8 @@ SAMPLING_M: Final = 0.01
 # growing
 GATE: Final = 3.0
 # minimum lead of the most likely owner over all other people. The lead is the difference between two people's values of
-# (d / sigma)^2 + 2 log(sigma), where d is the distance from a person's skin (``decide_ownership``)
+# (d / sigma)^2 + 2 log(sigma), where d is the distance of a place from the person's skin, and sigma the standard
+# deviation of this skin (``decide_ownership``)
 LEAST_LEAD: Final = 2.0
 
 
@@ -109,9 +110,9 @@ def decide_ownership(
     Space is divided into cubes (cells). If all skin in the cell of a place and in the 26 cells around this cell belongs
     to one person, that person owns the place. Otherwise the most likely owner is chosen, but only where ``compared``
     (m,) bool is True. The most likely owner is the person with the least (d / sigma)^2 + 2 log(sigma), where d is the
-    distance of the place from the person's skin. This value must be less than the value of every other person by at
-    least ``least_lead``, otherwise the place has no clear owner. Skin farther away than ``gate`` times its sigma does
-    not count.
+    distance of the place from the person's skin, and sigma the standard deviation of this skin
+    (``OwnershipLikelihood``). This value must be less than the value of every other person by at least ``least_lead``,
+    otherwise the place has no clear owner. Skin farther away than ``gate`` times its sigma does not count.
     """
     return _decide(grid, places_m, compared, gate, least_lead)
 

@@ -20,7 +20,8 @@ CREASE_COST: Final = 4.0
 # pixels, the width of a finger at 2.5 m; a pixel's depth is compared with the depths this far away on both sides
 CREASE_PX: Final = 3
 CREASE_SIGMAS: Final = 2.0  # standard deviations of the noise; a valley deeper than this is a crease
-# maximum additional cost of a step into a crease, in steps; it equals the length of a forearm in pixels
+# maximum additional cost of a step into a crease: as much as 60 steps outside creases, which is the length of a forearm
+# in pixels
 DEEPEST: Final = 60
 
 
@@ -154,7 +155,9 @@ def _step(surface: _Surface, owner: np.ndarray, pixel: int, d_r: int, d_c: int, 
 
 @njit(cache=True, nogil=True)
 def _valley(index: np.ndarray, depth: np.ndarray, r: int, c: int, d_r: int, d_c: int) -> float:
-    """Return a pixel's depth minus the mean of the depths ``CREASE_PX`` away on both sides, metres; 0 if unknown."""
+    """Return a pixel's depth minus the mean of the depths ``CREASE_PX`` pixels away in the direction (d_r, d_c) and in
+    the opposite direction, metres; 0 if unknown.
+    """
     height, width = index.shape
     r1, c1, r2, c2 = r - CREASE_PX * d_r, c - CREASE_PX * d_c, r + CREASE_PX * d_r, c + CREASE_PX * d_c
     if min(r1, r2, c1, c2) < 0 or max(r1, r2) >= height or max(c1, c2) >= width:

@@ -55,7 +55,7 @@ def find_planes(
     room_m: np.ndarray, camera: Camera, noise_per_m: float, most_beyond: float = MOST_BEYOND
 ) -> list[np.ndarray]:
     """Return planes (4,) in the camera frame, largest first: unit normal away from the camera, then offset, with
-    ``normal @ p = offset``.
+    ``normal @ p = offset`` for every point p of the plane.
 
     room_m: as in ``depth_of_room``; most_beyond: maximum share of the readings that may lie on the far side of a plane.
     """
@@ -134,7 +134,8 @@ class Wall:
     offset_m: float
     depth_m: np.ndarray  # (height, width) float32, depth of the plane along each ray; inf if the ray does not meet it
     on_it: np.ndarray  # (height, width) bool, pixels of the empty room that show the plane
-    # (height, width) bool, pixels in the convex hull of ``on_it`` that show nothing, or something beyond the plane
+    # (height, width) bool, pixels that show nothing, or something beyond the plane, and lie in the convex hull of the
+    # pixels that show the plane (``on_it``)
     gap: np.ndarray
 
     def beyond_m(self, points_m: np.ndarray) -> np.ndarray:

@@ -185,7 +185,9 @@ def _first_labels(
 
 @njit(cache=True, nogil=True)
 def _nearness(depth: np.ndarray, room: np.ndarray, sigma: np.ndarray, gate: float) -> np.ndarray:
-    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading in front of the room."""
+    """Return each pixel's label: NO_READING, BACKGROUND, or CLUTTER for a reading more than ``gate`` standard
+    deviations (``sigma``) in front of the room.
+    """
     labels = np.zeros(depth.shape, np.uint8)
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):

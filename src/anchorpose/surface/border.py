@@ -26,8 +26,8 @@ REACH_PX = 5
 # may be lost (no reading) or flying (a reading between both surfaces)
 SEARCH_PX = 3
 SUPPORT = 3  # minimum number of edge pixels within 5x5 pixels; a single noisy reading beside the skin is not an edge
-# m, minimum distance between the patient's skin and an object that counts as in front of it; it is the distance of the
-# thinnest bar, and larger than the sensor's noise
+# m, minimum distance between the patient's skin and an object that counts as in front of it; the thinnest bar is this
+# far in front of the skin, and the sensor's noise is smaller
 IN_FRONT_M = 0.04
 # m, maximum depth difference between the patient's skin and a hand that touches it: a hand's thickness
 TOUCHING_M = 0.10

@@ -152,7 +152,7 @@ def _bilateral(
     depth: np.ndarray, reach: Any, spatial: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> np.ndarray:
     """Return the depth smoothed by the bilateral filter, computed row by row and, within a row, neighbour by neighbour.
-    reach: depth difference divided by z**2 beyond which weights are 0.
+    reach: neighbours whose depth differs from a pixel's depth z by more than ``reach * z**2`` have the weight 0.
     """
     radius, width = len(spatial) // 2, depth.shape[1]
     smooth = np.zeros_like(depth)

@@ -75,9 +75,9 @@ CELL_PX: Final = 6  # pixels, side of a cell of skin points; 4 cm at 2.4 m, slig
 # towards the camera; skin with a larger angle cannot be seen. This limit exceeds 90 degrees, since the rays at the
 # image's border are not parallel to the optical axis
 LEAST_FACING: Any = np.float32(-0.5)
-# factor on the width that a pixel covers on the expected skin nearest to the camera; the product is the minimum width
-# that a pixel is assumed to cover at a node. The factor is below 1, since a node may be nearer to the camera than all
-# expected skin
+# factor on the width that a pixel covers at the depth of the expected skin point nearest to the camera. The product is
+# assumed to be the minimum width that a pixel covers at any node; the factor is below 1, since a node may be nearer to
+# the camera than all expected skin
 NARROWEST: Any = np.float32(0.75)
 MOST_CANDIDATES: Final = 128  # maximum number of skin points kept for one node; about fifty are within reach
 

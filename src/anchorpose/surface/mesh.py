@@ -28,7 +28,8 @@ def estimate_normals(
     by column. slope, spread: coefficients, from ``jump_coefficients``, of the jump limit, the largest depth difference
     per pixel within one surface. Raises ValueError for a pixel without a reading. The plane is fitted to the inverse
     depth, which on a plane is a linear function of the ray's two coordinates. So the fit is exact for planes at any
-    slant. If the noise of the depth grows as z**2, the inverse depth has the same variance at all pixels.
+    slant. If the noise of the depth z grows as z**2, the inverse depth has the same variance at all pixels, so the fit
+    need not give less weight to pixels at a greater depth.
     """
     depth = np.ascontiguousarray(depth_m, dtype=np.float32)
     if not (depth[pixel[:, 0], pixel[:, 1]] > 0).all():
@@ -144,7 +145,9 @@ def _add_taps(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(window: Window, sums: np.ndarray, row: Any, at: Any, count: Any) -> None:
-    """Solve for the plane a u + b v + c = 1 / z, where (u, v) is a ray; NaN if the pixels lie on a point or a line."""
+    """Solve for the plane a u + b v + c = 1 / z, where (u, v) is a ray and z the depth; NaN if the pixels lie on a
+    point or a line.
+    """
     _, inverse, u, v = window
     for k in range(count):
         s, su, sv = np.float64(sums[S + k]), np.float64(sums[SU + k]), np.float64(sums[SV + k])

@@ -164,7 +164,7 @@ part of a curve stays visible.
 
 def thinned(degrees: np.ndarray, sigma_deg: np.ndarray, state_code: np.ndarray) -> list[np.ndarray]:
     """Return, for each angle, the rows of the arrays (n, angles) that the chart draws, in ascending order: at most
-    ``KEPT`` rows per interval, or all rows if the arrays have few rows.
+    ``KEPT`` rows for each of the chart's intervals of time (``INTERVALS``), or all rows if the arrays have few rows.
     """
     count, angles = degrees.shape
     size = count // INTERVALS  # number of frames in an interval

@@ -192,8 +192,8 @@ def _equipment(depth_frames: DepthFrames) -> dict[str, Any] | None:
 # s, minimum time between two frames in the list of frames to check; frames nearer in time show the same situation
 APART_S: Final = 1.0
 MOST_OF_A_KIND: Final = 12  # maximum number of frames to check that are listed for the same kind of reason
-# minimum share of matched surface points (``Review.matched_share``); a frame with less is listed; in good recordings,
-# it is 0.95 to 1
+# minimum share of matched surface points (``Review.matched_share``); a frame with a smaller share is listed; in good
+# recordings, the share is 0.95 to 1
 FEW_MATCHED: Final = 0.9
 
 

@@ -117,9 +117,10 @@ class ViewerApi(ReviewApi):
         self.worker.cancel()
 
     def _add(self, body: dict[str, Any]) -> Response:
-        """Add a correction. ``replaces`` in the body: the correction of the same joint, or of the patient, that the
-        page showed as valid (``CorrectionFile.add``). If another reviewer has changed the same correction meanwhile,
-        nothing is added, and the answer contains the present corrections and, as ``refused``, a sentence for the user.
+        """Add a correction. The field ``replaces`` of the body is the correction of the same joint, or of the patient,
+        that the page showed as valid (``CorrectionFile.add``). If another reviewer has changed the same correction
+        meanwhile, nothing is added, and the answer contains the present corrections and, as ``refused``, a sentence for
+        the user.
         """
         given = {name: value for name, value in body.items() if name != "replaces"}
         try:
