@@ -31,8 +31,8 @@ _TRUNK: Final = ("Hips", "LowerBack", "Spine", "Spine1", "LHipJoint", "RHipJoint
 _LIMBS: Final = ("ForeArm", "Hand", "FingerBase", "HandFinger1", "Thumb")
 _FOOT: Final = ("Foot", "ToeBase")
 _SHANK: Final = ("Leg", *_FOOT)
-# m, half of a shank's thickness. A place this deep below the skin of one shank must not lie inside the other shank:
-# shanks may touch, but not coincide
+# m; a place this deep below the skin of one shank must not lie inside the other shank: shanks may touch, but not
+# coincide. The value is half of a shank's thickness
 _FLESH_M: Final = 0.03
 # m, half a trunk's thickness. A point deeper than this inside a body part is not pushed out of it, since the skin
 # nearest to the point may be on the wrong side

@@ -121,7 +121,9 @@ def _not_in(bystanders: Bystanders, place_m: np.ndarray) -> Bystanders:
 
 
 def walked(before: Observation, pieces: Sequence[Pieces | None], run: Run) -> BystanderMemory:
-    """Return the remembered skin of all people, moved to where the next frame's pixels (``pieces``) show them."""
+    """Return the memory of ``before`` (the skin of all people as last seen). In it, the skin that ``before`` shows is
+    moved by each person's step, to where the next frame's pixels (``pieces``) show this person.
+    """
     memory = before.memory
     return memory.moved(find_steps(memory.seen_last, pieces, run.room.cameras))
 
