@@ -209,8 +209,8 @@ def _where_seen(asset: BodyAsset) -> np.ndarray:
 
 @cache
 def _as_captured(asset: BodyAsset) -> JointRange:
-    """Return the joint range in which the turns of ``captured_turns`` have the statistics of motion capture, and all
-    other turns have the ranges of the textbooks.
+    """Return the distribution of all bones' rotations. The turns that motion capture measured (``captured_turns``) have
+    its means and correlations, and variances of at least the textbooks'; all other turns have the textbooks' ranges.
 
     Motion capture does not show how hips and spine share the flexion between trunk and thighs. By the textbooks'
     ranges, the spine contributes a quarter of this flexion. The spine may also bend more and both hips less, or vice

@@ -322,8 +322,8 @@ def lost_ends(states: Sequence[JointState], before: frozenset[int] = frozenset()
 def before_lost_ends(
     joints_m: np.ndarray, states: Sequence[JointState], sigma_m: np.ndarray, lost: frozenset[int]
 ) -> tuple[tuple[JointState, ...], np.ndarray]:
-    """Return states and sigma_m (21,) of joints_m (21, 3), adjusted for lost hands and feet (``lost_ends``), and for
-    their wrists and ankles.
+    """Return the states and sigma_m (21,) of joints_m (21, 3) after this change: if a hand or foot is lost (``lost``,
+    from ``lost_ends``), its wrist or ankle does not count as observed, and the sigmas of both joints are larger.
 
     If cameras see past the place of a hand, the forearm of this hand may have been fitted to another person's arm. So
     the wrist of a lost hand does not count as observed, and half of the wrist's distance from the elbow is assumed as

@@ -129,7 +129,9 @@ def summarise(table: ExplainedTable) -> ExplainedSummary:
 
 
 def worst_moments(table: ExplainedTable) -> tuple[Moment, ...]:
-    """Return at most ``MOST_MOMENTS`` moments, at least ``APART_S`` apart, the worst first."""
+    """Return the frames that their poses explain worst (a badness of 1 or more, ``unexplained``), the worst first: at
+    most ``MOST_MOMENTS`` frames, at least ``APART_S`` apart.
+    """
     badness = unexplained(table)
     rows = worst_rows(np.where(badness >= 1.0, badness, np.nan), table.time_s, APART_S, MOST_MOMENTS)
     return tuple(Moment(int(table.frame[row]), float(table.time_s[row]), _reason(table, row)) for row in rows)

@@ -1,4 +1,6 @@
-"""Make tables of errors of matches (overall, by body region, by size of hole, by limit of the error), and of times."""
+"""Make tables of how well nodes of two frames are matched: errors of the matches (overall, by body region, by size of
+the hole cut into the depth images), shares of matches within several distances of the truth, and times for matching.
+"""
 
 from __future__ import annotations
 
