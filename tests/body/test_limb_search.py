@@ -8,6 +8,7 @@ from body_builder import (
     LEFT,
     NOTHING,
     adult_body,
+    asset,
     joint_errors_m,
     joints_of,
     points,
@@ -17,14 +18,17 @@ from body_builder import (
 )
 
 from anchorpose.body.belief import PoseBelief, vague_belief
-from anchorpose.body.config import RegistrationConfig
+from anchorpose.body.config import RegistrationConfig, Source
+from anchorpose.body.expected_joints import Expected, expected_joints
 from anchorpose.body.explanation import explain, limb_of_points
-from anchorpose.body.limb_proposals import exchanged, limb_lengths, limb_poses, uncovered_paths
-from anchorpose.body.limb_search import LOOK_AGAIN_M2, Expected, Search, expected_joints, needs_search, search_limbs
+from anchorpose.body.limb_proposals import CHAINS, exchanged, limb_lengths, limb_poses, uncovered_paths, usual_poses
+from anchorpose.body.limb_search import LOOK_AGAIN_M2, Search, needs_search, search_limbs, tried_pose
 from anchorpose.body.pose import PARTS, POSE_SIZE, Pose
 from anchorpose.body.registration import register
 from anchorpose.body.skin_points import pose_points
+from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_INDEX
+from anchorpose.simulate.render import TrueImage
 
 BODY, CONFIG = adult_body(), RegistrationConfig()
 TRUTH = standing(LeftArm=(70.0, 0.0, 0.0), RightArm=(-15.0, 0.0, 25.0), RightForeArm=(0.0, -30.0, 20.0))
@@ -70,6 +74,51 @@ def test_a_sure_and_wrong_pose_is_corrected_by_what_is_seen(wrong):
     search = searched(wrong, TRUTH)
     assert search.taken
     assert joint_errors_m(BODY, search.registration.belief.pose, TRUTH).max() < 0.10
+
+
+def behind_a_helper(view: View, picture: TrueImage) -> View:
+    """The view with another person in front of the left leg, and in front of everything around this leg but the right
+    leg.
+    """
+    left, right = (
+        np.isin(picture.part, [asset().bone(f"{side}{bone}") + 1 for bone in ("UpLeg", "Leg", "Foot", "ToeBase")])
+        for side in ("Left", "Right")
+    )
+    rows, columns = (np.flatnonzero(left.any(axis=axis)) for axis in (1, 0))
+    front = np.zeros_like(left)
+    front[rows[0] : rows[-1] + 10, columns[0] - 20 : columns[-1] + 20] = True
+    front &= ~right
+    labels = np.where(front, PixelLabel.OTHER_PERSON, view.labels).astype(np.uint8)
+    return View(np.where(front, np.float32(1.8), view.depth_m), labels)
+
+
+def test_a_hidden_leg_before_the_other_leg_goes_where_it_is_expected():
+    """The leg lies on skin that the other leg shows as well, so no skin stays uncovered."""
+    evidence, wrong = seen_body(TRUTH, BODY, change=behind_a_helper), spoilt(TRUTH, LeftUpLeg=(-20.0, 0.0, 50.0))
+    ankle = JOINT_INDEX["AnkleLeft"]
+
+    def after_m(*sources: Source) -> float:
+        config = replace(CONFIG, sources=sources)
+        found = register(BODY, sure(wrong), evidence, NOTHING, config)
+        search = search_limbs(BODY, found, sure(wrong), evidence, config)
+        return float(joint_errors_m(BODY, search.registration.belief.pose, TRUTH)[ankle])
+
+    assert after_m(*(source for source in Source if source is not Source.HIDDEN)) > 0.3
+    assert after_m(*Source) < 0.05
+
+
+def test_a_hidden_limb_may_be_the_mirror_image_of_the_other_one():
+    symmetrical = standing(
+        **{f"{side}UpLeg": (turn, 0.0, 60.0) for side, turn in (("Left", -10.0), ("Right", 10.0))},
+        LeftLeg=(0.0, 0.0, -80.0),
+        RightLeg=(0.0, 0.0, -80.0),
+    )
+    wrong = spoilt(symmetrical, LeftUpLeg=(0.0, 0.0, 0.0), LeftLeg=(0.0, 0.0, 0.0), RightArm=(0.0, 20.0, 30.0))
+    poses = list(usual_poses(BODY, wrong))
+    assert len(poses) == 2 * len(CHAINS)
+    legs = [JOINT_INDEX[name] for name in ("KneeLeft", "AnkleLeft", "FootLeft")]
+    off_m = [float(joint_errors_m(BODY, pose, symmetrical)[legs].max()) for pose in poses]
+    assert min(off_m) < 0.01
 
 
 def test_a_right_pose_leaves_nothing_uncovered_and_no_limb_is_seen_past():
@@ -171,7 +220,7 @@ def test_a_limb_elsewhere_costs_little_a_body_turned_round_much_and_an_unsure_on
     *_, turned = exchanged(BODY, pose)
 
     def costs(where: Expected, moved: Pose) -> float:
-        return where.tried(moved, dark).moved
+        return tried_pose(where, moved, dark).moved
 
     assert costs(expected, pose) == pytest.approx(0.0, abs=1e-9)
     assert 3.0 < costs(expected, arm) < 8.0

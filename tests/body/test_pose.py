@@ -5,7 +5,14 @@ import pytest
 from body_builder import adult_body, asset, points, random_pose, standing
 from scipy.spatial.transform import Rotation
 
-from anchorpose.body.joint_ranges import captured_turns, hinge_axes, joint_range, joint_range_at, limb_turns
+from anchorpose.body.joint_ranges import (
+    captured_turns,
+    expected_turns,
+    hinge_axes,
+    joint_range,
+    joint_range_at,
+    limb_turns,
+)
 from anchorpose.body.kinematics import shape_body
 from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, descendants, moving_bones
 from anchorpose.joints import JOINT_INDEX
@@ -219,3 +226,19 @@ def test_what_readings_show_is_held_no_tighter_than_what_is_hidden_and_at_most_t
     sigma = np.degrees(np.sqrt(np.diag(seen)))[3 * row : 3 * row + 3]
     np.testing.assert_allclose(sigma, [32.0, 32.0, 35.0], atol=1e-6)
     assert np.degrees(np.sqrt(np.diag(textbook)))[3 * row] < 32.0
+
+
+def test_the_expected_turns_are_the_conditional_mean_of_the_joint_ranges():
+    """By the covariance instead of its inverse; the other leg's bent knee bends the expected knee."""
+    ranges, size = joint_range(asset()), 3 * len(MOVING_BONES)
+    covariance = np.linalg.inv(ranges.information.reshape(size, size)[3:, 3:])
+    rows, pose = [MOVING_BONES.index(bone) for bone in ("LeftUpLeg", "LeftLeg")], random_pose(4)
+    wanted = np.array([3 * row + axis - 3 for row in rows for axis in range(3)])
+    others = np.setdiff1d(np.arange(size - 3), wanted)
+    away = (pose.rotation_vectors(points().moving) - ranges.mean).ravel()[3:][others]
+    gain = np.linalg.solve(covariance[np.ix_(others, others)], covariance[np.ix_(others, wanted)]).T
+    expected = ranges.mean[rows] + (gain @ away).reshape(-1, 3)
+    np.testing.assert_allclose(expected_turns(asset(), pose, rows), expected, atol=1e-9)
+    straight, bent = standing(), standing(RightUpLeg=(0.0, 0.0, 60.0), RightLeg=(0.0, 0.0, -80.0))
+    knees = [expected_turns(asset(), pose, rows)[1, 2] for pose in (straight, bent)]
+    assert knees[1] < knees[0] - 10.0 * DEGREE

@@ -85,6 +85,25 @@ def test_what_a_rival_lost_before_counts_less_with_every_frame():
     assert lags[1] - lags[0] == pytest.approx(np.exp(-0.02 / MEMORY_S))
 
 
+def test_a_rival_five_times_as_likely_takes_the_place_of_the_best():
+    near = standing(LeftArm=(48.0, 0.0, 0.0), RightArm=(-20.0, 0.0, 0.0))
+    best, seen = registered(near), seen_body(near, BODY)
+    for lag, taken in ((-1.0, False), (-3.0, True)):
+        first, _ = follow_rivals(BODY, best, (Rival(sure(TRUTH), lag),), seen, 1e-3, CONFIG)
+        assert (first is not best) == taken
+
+
+def test_a_hidden_arm_does_not_move_without_an_image_of_it():
+    """The rival's place is likelier by the images so far, but the arm was seen elsewhere a moment ago."""
+    hidden, best = seen_body(TRUTH, BODY, change=without_arm), registered(TRUTH)
+    first, (left,) = follow_rivals(BODY, best, (Rival(sure(LOW), -3.0),), hidden, 0.02, CONFIG)
+    assert first is best
+    assert left.moved > 1.0
+    long_ago = Registration(vague_belief(TRUTH), 1.0, True)
+    first, _ = follow_rivals(BODY, long_ago, (Rival(sure(LOW), -3.0),), hidden, 0.02, CONFIG)
+    assert first is not long_ago
+
+
 def test_a_lead_is_believed_by_its_own_error():
     """Of two classes a deviation apart, normally distributed: one in six is beyond it."""
     assert believed(LIMB_ERROR, 1) == pytest.approx(np.log(0.8413 / 0.1587), abs=1e-3)

@@ -13,8 +13,8 @@ from anchorpose.settings import Count, Positive, settings
 
 
 class Source(StrEnum):
-    """A source of other poses, which are tried if a pose is in doubt, that is, may be wrong (``body.proposals``). All
-    sources except the last also serve to detect that a pose is in doubt.
+    """A source of other poses, which are tried if a pose is in doubt, that is, may be wrong (``body.proposals``). The
+    first three sources also serve to detect that a pose is in doubt.
     """
 
     SURFACE = "surface"  # seen skin that no part of the posed body covers
@@ -22,8 +22,9 @@ class Source(StrEnum):
     # hand or foot
     ANCHORS = "anchors"
     DESCRIPTOR = "descriptor"  # the learnt descriptor: the place on the body that a network predicts for each pixel
-    # left and right limbs exchanged, or the body turned round; this source cannot show that a pose is in doubt
-    SIDES = "sides"
+    SIDES = "sides"  # left and right limbs exchanged, or the body turned round
+    # a hidden limb in a usual posture: as expected from all other bones, or like the other arm or leg
+    HIDDEN = "hidden"
 
 
 @settings

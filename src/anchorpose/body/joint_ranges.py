@@ -10,6 +10,7 @@ parts.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from importlib import resources
 from typing import Final, NamedTuple
@@ -17,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from anchorpose.body.asset import BodyAsset
-from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose
+from anchorpose.body.pose import DEGREE, MOVING_BONES, POSE_SIZE, Pose, moving_bones
 
 
 class JointRange(NamedTuple):
@@ -244,6 +245,20 @@ def _of_people(expected: np.ndarray, turns: LimbTurns) -> np.ndarray:
     captured = np.linalg.solve(factor, np.linalg.solve(factor, turns.covariance).T)
     captured += np.diag(np.maximum(1.0 - np.diag(captured), OWN_VARIANCE))
     return np.asarray(factor @ captured @ factor.T)
+
+
+def expected_turns(asset: BodyAsset, pose: Pose, rows: Sequence[int]) -> np.ndarray:
+    """Return (k, 3) rad: the rotation vectors that are expected of the bones ``rows`` (k indices in ``MOVING_BONES``),
+    given the turns of all other bones in the pose, by the statistics of motion capture.
+    """
+    ranges, size = joint_range(asset), 3 * len(MOVING_BONES)
+    information, mean = ranges.information.reshape(size, size), ranges.mean.ravel()
+    wanted = np.array([3 * row + axis for row in rows for axis in range(3)])
+    others = np.setdiff1d(np.arange(3, size), wanted)
+    away = pose.rotation_vectors(moving_bones(asset)).ravel() - mean
+    pulled = information[np.ix_(wanted, others)] @ away[others]
+    expected = mean[wanted] - np.linalg.solve(information[np.ix_(wanted, wanted)], pulled)
+    return np.asarray(expected.reshape(-1, 3))
 
 
 @cache

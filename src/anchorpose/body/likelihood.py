@@ -65,7 +65,7 @@ class Likelihood:
         return float(self.log.sum())
 
 
-@lru_cache(maxsize=2)  # cached, since registration and the frame's estimate both need the result
+@lru_cache(maxsize=4)  # cached, since registration, rivals and the frame's estimate need the same results
 def likelihood(body: Body, pose: Pose, evidence: Evidence) -> Likelihood:
     """Compute the likelihood of all cameras' readings of the person, given a body in a pose."""
     skin_m = pose_points(body, pose).points_m

@@ -1,10 +1,11 @@
 """Propose other poses for a pose that may be wrong (a pose in doubt). In a proposed pose, a limb lies along seen skin
 that the body does not cover, or along the path over the surface from an anchor (hand or foot) to the body's centre; or
-left and right limbs are exchanged.
+a limb is hidden, in a usual posture; or left and right limbs are exchanged.
 
-The images determine the place of the proposed limb; the trunk stays as in the pose in doubt (but ``exchanged`` also
-turns the body round). An anchor shows where a limb ends even if the body covers all seen skin. For example, an arm that
-is wrongly fitted to the rail on the other side of a walker covers this rail, so that no skin is left uncovered.
+Except for a hidden limb, the images determine the place of the proposed limb; the trunk stays as in the pose in doubt
+(but ``exchanged`` also turns the body round). An anchor shows where a limb ends even if the body covers all seen skin.
+For example, an arm that is wrongly fitted to the rail on the other side of a walker covers this rail, so that no skin
+is left uncovered.
 """
 
 from __future__ import annotations
@@ -25,13 +26,17 @@ from anchorpose.body.constraints import anchor_points
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import Explanation, node_area_m2
 from anchorpose.body.inverse_kinematics import pose_from_joints
-from anchorpose.body.pose import Pose
+from anchorpose.body.joint_ranges import expected_turns
+from anchorpose.body.pose import MOVING_BONES, Pose
 from anchorpose.body.skin_points import Body, SkinPoints, pose_points
 from anchorpose.geodesics.anchors import Anchors, SeenAnchors
 from anchorpose.geodesics.center import center_field, limb_path
-from anchorpose.joints import ANCHOR_NAMES, JOINT_COUNT, JOINT_INDEX
+from anchorpose.joints import ANCHOR_NAMES, JOINT_INDEX
+from anchorpose.rotations import rotation_matrices
 
 SIDES: Final = ("Left", "Right")
+MIRROR: Final = np.diag([1.0, 1.0, -1.0])
+"""Reflection in the plane between the left and the right half of the body."""
 # m, maximum distance between neighbouring nodes (points of the seen surface) of one piece of skin, twice the usual
 # spacing of nodes
 NEIGHBOUR_M: Final = 0.05
@@ -169,6 +174,28 @@ def limb_poses(body: Body, pose: Pose, path: LimbPath, chains: Sequence[Chain] =
         yield _solved(body, pose, np.where(np.isnan(wanted), joints, wanted))
 
 
+def usual_poses(body: Body, pose: Pose) -> Iterator[Pose]:
+    """Yield two poses for each limb. In the first, the limb is where it is expected from the turns of all other bones;
+    in the second, it is the mirror image of the limb on the other side. If the limb is hidden, its pixels in ``pose``
+    show something else, for example the other leg.
+    """
+    asset = body.points.asset
+    for chain in CHAINS:
+        bones = [asset.bone(bone) for bone in chain.bones]
+        expected, alike = pose.rotations.copy(), pose.rotations.copy()
+        turns = expected_turns(asset, pose, [MOVING_BONES.index(bone) for bone in chain.bones])
+        expected[bones] = rotation_matrices(turns)
+        other = [asset.bone(_other_side(bone)) for bone in chain.bones]
+        alike[bones] = MIRROR @ pose.rotations[other] @ MIRROR
+        yield Pose(expected, pose.root_m)
+        yield Pose(alike, pose.root_m)
+
+
+def _other_side(name: str) -> str:
+    """Return the name of the corresponding bone or joint of the other side; of the trunk, ``name`` itself."""
+    return name.replace("Left", "*").replace("Right", "Left").replace("*", "Right")
+
+
 def exchanged(body: Body, pose: Pose) -> Iterator[Pose]:
     """Yield the pose with the arms exchanged, with the legs exchanged, and with the body turned round where it stands.
 
@@ -196,13 +223,7 @@ def _mirrored() -> np.ndarray:
     """Return (21,), for each joint, the corresponding joint of the other side; for a joint of the trunk, the joint
     itself.
     """
-    swap = {"Left": "Right", "Right": "Left"}
-    other = np.arange(JOINT_COUNT)
-    for name, index in JOINT_INDEX.items():
-        for side, opposite in swap.items():
-            if name.endswith(side):
-                other[index] = JOINT_INDEX[name.removesuffix(side) + opposite]
-    return other
+    return np.array([JOINT_INDEX[_other_side(name)] for name in JOINT_INDEX])
 
 
 def limb_lengths(body: Body) -> list[tuple[np.ndarray, float]]:

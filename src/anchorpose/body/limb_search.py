@@ -12,17 +12,17 @@ from typing import Final
 
 import numpy as np
 
-from anchorpose.body.asset import joint_bones
 from anchorpose.body.belief import UNSEEN_S, PoseBelief
 from anchorpose.body.config import RegistrationConfig, Source
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.expected_joints import SAME_M, Expected, expected_joints
 from anchorpose.body.explanation import Explanation, explain
-from anchorpose.body.pose import LIMB_OF_JOINTS, PARTS, Pose
+from anchorpose.body.pose import Pose
 from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.proposals import Doubted, proposals
 from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import LEAST_GAIN, MOST, Rival, believed, parts_apart, rivals_of
-from anchorpose.body.skin_points import Body, joint_jacobian, place_variance, pose_points
+from anchorpose.body.skin_points import Body, pose_points
 from anchorpose.geodesics.anchors import SeenAnchors
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.threads import each
@@ -40,8 +40,6 @@ TRIAL_NODES: Final = 800
 # m, maximum distance at which a node (point of the seen surface) pulls the skin, one value per step of the finer
 # registration of the ``BEST`` likeliest poses
 REFINED_REACHES_M: Final = (0.10, 0.07, 0.06)
-# m; two poses lead to the same registration if each joint moves by less than this from the first pose to the second
-SAME_M: Final = 0.04
 BEST: Final = 3  # number of poses per round that are registered more finely; the present pose may be among these poses
 
 
@@ -68,40 +66,12 @@ class Tried:
         return self.images - self.moved
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Expected:
-    """The expected places of the body's joints: joints_m (21, 3) world, and their standard deviation sigma_m (21,)."""
-
-    body: Body
-    joints_m: np.ndarray
-    sigma_m: np.ndarray
-
-    def tried(self, pose: Pose, evidence: Evidence) -> Tried:
-        """Compute a pose's log probability from the images and the body priors, and its cost from the distances of the
-        limbs and the trunk from their expected places.
-        """
-        return Tried(pose, log_probability(self.body, pose, evidence), self.moved(self.body.joints(pose)))
-
-    def moved(self, joints_m: np.ndarray) -> float:
-        """Return the cost, in nats, of the distance of joints (21, 3) from their expected places.
-
-        Each limb, and the trunk, contributes the cost of its joint that is farthest from the expected place. The cost
-        has the tails of a Cauchy distribution, since a wrongly tracked limb may be anywhere. A pose in which the body
-        is turned round has the costs of the trunk and of all limbs.
-        """
-        away = np.linalg.norm(joints_m - self.joints_m, axis=1) / self.sigma_m
-        farthest = np.zeros(PARTS)
-        np.maximum.at(farthest, LIMB_OF_JOINTS, away)
-        return float(np.log1p(farthest**2).sum())
-
-
-def expected_joints(body: Body, belief: PoseBelief) -> Expected:
-    """Return the places of the joints in a belief's pose, and the sigma of each place, which is at least ``SAME_M``."""
-    transforms = body.transforms(belief.pose)
-    joints = body.mesh.joints(transforms)
-    jacobian = joint_jacobian(body, transforms, joint_bones(body.points.asset), joints)
-    variance = place_variance(jacobian, belief.covariance)
-    return Expected(body, joints, np.sqrt(SAME_M**2 + variance))
+def tried_pose(expected: Expected, pose: Pose, evidence: Evidence) -> Tried:
+    """Compute a pose's log probability from the images and the body priors, and its cost from the distances of the
+    limbs and the trunk from their expected places.
+    """
+    body = expected.body
+    return Tried(pose, log_probability(body, pose, evidence), expected.moved(body.joints(pose)))
 
 
 def needs_search(explanation: Explanation, hidden: bool = False) -> bool:
@@ -129,7 +99,7 @@ def search_limbs(
     """
     uncertain, expected = predicted.later(predicted.pose, UNSEEN_S), expected_joints(body, predicted)
     trial = replace(config, reaches_m=TRIAL_REACHES_M, node_count=min(config.node_count, TRIAL_NODES))
-    now, best = expected.tried(found.belief.pose, evidence), list[Tried]()
+    now, best = tried_pose(expected, found.belief.pose, evidence), list[Tried]()
     pose = now.pose
     for number in range(ROUNDS):
         # the descriptor's proposals do not depend on the pose in doubt, so they are tried in the first round only
@@ -208,7 +178,7 @@ def _register_all(
     Otherwise its limbs could lag behind the images, and the pose of a turned body could win for this reason alone.
     """
     settled = each(lambda pose: _settled(expected.body, pose, uncertain, evidence, config), poses)
-    return each(lambda pose: expected.tried(pose, evidence), [poses[0], *settled])
+    return each(lambda pose: tried_pose(expected, pose, evidence), [poses[0], *settled])
 
 
 def _settled(body: Body, pose: Pose, uncertain: PoseBelief, evidence: Evidence, config: RegistrationConfig) -> Pose:
@@ -224,5 +194,5 @@ def _best_few(
     body, refining = expected.body, replace(config, reaches_m=REFINED_REACHES_M)
     others = sorted(tried[1:], key=lambda one: -one.log)[:BEST]
     refined = each(lambda one: _settled(body, one.pose, uncertain, evidence, refining), others)
-    others = each(lambda pose: expected.tried(pose, evidence), refined)
+    others = each(lambda pose: tried_pose(expected, pose, evidence), refined)
     return sorted([tried[0], *others], key=lambda one: -one.log)

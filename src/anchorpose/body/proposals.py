@@ -15,7 +15,7 @@ from anchorpose.body.config import Source
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.explanation import explain
 from anchorpose.body.fit import prior_equations
-from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths
+from anchorpose.body.limb_proposals import anchor_poses, exchanged, limb_poses, uncovered_paths, usual_poses
 from anchorpose.body.matched_places import LEAST_MATCHES, fit_matches, matches_of
 from anchorpose.body.pose import Pose
 from anchorpose.body.skin_points import Body, pose_points
@@ -95,11 +95,19 @@ def _exchanged(doubted: Doubted) -> Iterator[Pose]:
     yield from exchanged(doubted.body, doubted.pose)
 
 
+def _hidden(doubted: Doubted) -> Iterator[Pose]:
+    """Yield two poses for each limb, in which this limb has a usual posture. If the limb is hidden, its pixels in the
+    pose in doubt show something else, for example the other leg.
+    """
+    yield from usual_poses(doubted.body, doubted.pose)
+
+
 SOURCES: Final[Mapping[Source, Callable[[Doubted], Iterator[Pose]]]] = MappingProxyType(
     {
         Source.SURFACE: _along_surface,
         Source.ANCHORS: _to_anchors,
         Source.DESCRIPTOR: _by_descriptor,
         Source.SIDES: _exchanged,
+        Source.HIDDEN: _hidden,
     }
 )

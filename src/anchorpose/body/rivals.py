@@ -1,8 +1,8 @@
 """Follow rivals until the images decide (paper, Section V). Rivals are poses that explain the images almost as well
 as the best pose.
 
-The best pose and its rivals are registered to every frame. A rival that explains the last frames clearly better
-replaces the best pose. Until then, each rival increases the sigma of the joints.
+The best pose and its rivals are registered to every frame. A rival that becomes likelier than the best pose replaces
+it. Until then, each rival increases the sigma of the joints.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from anchorpose.body.belief import PATIENT_PACE, Pace, PoseBelief
 from anchorpose.body.config import RegistrationConfig
 from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.expected_joints import Expected, expected_joints
+from anchorpose.body.likelihood import likelihood
 from anchorpose.body.pose import LIMB_OF_JOINTS
 from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
@@ -46,11 +48,10 @@ MEMORY_S: Final = 0.3
 # so ``Rival.lag`` averages over a longer time
 OWN_MEMORY_S: Final = 4.0
 # nats by which a pose found by a search must be likelier than the best pose to replace the best pose: twenty times as
-# likely
+# likely. A rival replaces the best pose at half of this value, so the replaced pose must gain the whole value to return
 LEAST_GAIN: Final = 3.0
 # nats (a factor of e^6), difference at which the images decide between two poses. A rival is dropped if the best pose
-# explains the last frames better by at least this much (``Rival.lag``). A rival becomes the best pose if it is likelier
-# than the best pose by more than this (``Rival.behind``)
+# explains the last frames better by at least this much (``Rival.lag``)
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 
@@ -67,7 +68,9 @@ class Rival:
     # nats by which the best pose explains the last frames better than the rival: weighted mean over the frames, reduced
     # by ``believed``
     lag: float
-    moved: float = 0.0  # nats, cost of the rival's distance from the expected pose; this cost decays with time
+    # nats, cost of the rival's distance from the expected pose; this cost decays with time, but not for limbs that are
+    # not seen
+    moved: float = 0.0
     body: Body | None = None  # the rival's own body; None if it has the body of the best pose
 
     @property
@@ -114,35 +117,46 @@ def follow_rivals(
     config: RegistrationConfig,
     pace: Pace = PATIENT_PACE,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A clearly
-    likelier rival replaces the best pose.
+    """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A likelier
+    rival replaces the best pose.
 
     pace: the rate at which a predicted pose becomes uncertain, the same as for the best pose.
     """
     if not rivals:
         return best, ()
     most, followed = log_probability(body, best.belief.pose, evidence), list[tuple[Registration, Rival]]()
-    facing = facing_nats(body, best.belief.pose, evidence.cameras)
+    facing, expected = facing_nats(body, best.belief.pose, evidence.cameras), expected_joints(body, best.belief)
+    shown = np.asarray(likelihood(body, best.belief.pose, evidence).seen.any(axis=1))
     for rival in rivals:
         memory_s, error = (MEMORY_S, LIMB_ERROR) if rival.body is None else (OWN_MEMORY_S, OWN_BODY_ERROR)
         old = math.exp(-elapsed_s / memory_s)
-        own, expected = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s, pace)
-        found = register(own, expected, evidence, no_constraints(), config)
+        own, predicted = rival.body or body, rival.belief.later(rival.belief.pose, elapsed_s, pace)
+        found = register(own, predicted, evidence, no_constraints(), config)
         if not found.found:
             continue
         lead = most - log_probability(own, found.belief.pose, evidence)
         lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)), error)
         lead += facing - facing_nats(own, found.belief.pose, evidence.cameras)
-        followed.append(
-            (found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, old * rival.moved, rival.body))
-        )
+        moved = max(old * rival.moved, _unseen_moved(expected, shown, own, found, evidence))
+        followed.append((found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, moved, rival.body)))
     able = (one for one in followed if one[1].body is None)
     first = min(able, key=lambda one: one[1].behind, default=None)
-    if first is None or first[1].behind >= -DECIDED:
+    if first is None or first[1].behind >= -LEAST_GAIN / 2.0:
         return best, rivals_of(body, best.belief, [rival for _, rival in followed])
     found, taken = first
     others = [rival for one, rival in followed if one is not found]
     return found, rivals_of(body, found.belief, [rival.beside(taken) for rival in (*others, Rival(best.belief, 0.0))])
+
+
+def _unseen_moved(expected: Expected, shown: np.ndarray, own: Body, rival: Registration, evidence: Evidence) -> float:
+    """Return the cost, in nats, of the places that a rival gives to the limbs which are seen neither in the best pose
+    nor in the rival's pose. No image decides about these limbs, only the time since they were seen.
+
+    expected: the joints' places in the best pose; their sigma grows while a limb is hidden. shown (PARTS,) bool: the
+    limbs that are seen in the best pose.
+    """
+    hidden = ~(shown | likelihood(own, rival.belief.pose, evidence).seen.any(axis=1))
+    return float(expected.moved_parts(own.joints(rival.belief.pose))[hidden].sum())
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:

@@ -125,8 +125,8 @@ def _bands(rays: np.ndarray, depth_m: np.ndarray, level: FloorPlane | None) -> n
 
 
 def _changes(signal: MotionSignal, step_s: float) -> np.ndarray:
-    """Return (m, bands): the rate of change of the smoothed signal at m times, which begin at its start and are
-    ``step_s`` apart.
+    """Return (m, bands): for each band of height, the rate of change of the smoothed ``signal.speed``, at m times that
+    begin at ``signal.time_s[0]`` and are ``step_s`` apart.
     """
     grid = np.arange(signal.time_s[0], signal.time_s[-1], step_s)
     even = np.stack([np.interp(grid, signal.time_s, band) for band in signal.speed.T], axis=1)

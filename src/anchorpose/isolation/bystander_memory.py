@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
 
 from anchorpose.camera import Camera
 from anchorpose.isolation.ownership import OwnershipLikelihood
@@ -31,13 +30,6 @@ SIGMA_M: Final = 0.012
 # Walking people move faster than ``SPEED_M_S``; their pixels are found by region growing (pixels take the label of
 # connected pixels).
 SPEED_M_S: Final = 0.30
-# m, maximum gap within one cluster of skin points. This gap is as wide as the strip that a rail hides, so that a head
-# above a rail belongs to the same cluster as the body below
-CLUSTER_GAP_M: Final = 0.10
-CLUSTER_AREA_M2: Final = 0.25  # m2, minimum skin area of a person, seen by all cameras together; an arm has 0.15
-# if space is divided into cubes, a surface passes through this many cubes, on average, per area of a cube's face; so
-# the area of skin is estimated from the number of cubes that contain skin
-CUBES_PER_FACE: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,18 +122,16 @@ def update_memory(
     """Update the memory of people's skin by one more frame.
 
     Skin that is hidden from all cameras is remembered for ``MEMORY_S``. Skin that was not seen again is forgotten if it
-    lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``). Clusters of skin
-    that are too small for a person are dropped, so that an arm or head with a wrong label does not keep this label.
+    lies in the image of a camera that reads nothing in front of it (nearer by more than ``CELL_M``).
     """
     now = memory_of(pieces, views)
     kept = _hidden_since(before, now.points_m, pieces, cameras, elapsed_s)
-    memory = BystanderMemory(
+    return BystanderMemory(
         np.concatenate([now.points_m, kept.points_m]),
         np.concatenate([now.owner, kept.owner]),
         np.concatenate([now.age_s, kept.age_s]),
         max(before.next_label, now.next_label),
     )
-    return memory._of(_in_large_clusters(memory))
 
 
 def _hidden_since(
@@ -177,19 +167,3 @@ def _near(points_m: np.ndarray, seen_m: np.ndarray) -> np.ndarray:
     filled[tuple(seen.T)] = True
     near: np.ndarray = filled[tuple(cell.T)]
     return near
-
-
-def _in_large_clusters(memory: BystanderMemory) -> np.ndarray:
-    """Return (n,) bool: points in a cluster of one person's skin whose area is large enough for a person."""
-    large = np.zeros(len(memory.owner), dtype=bool)
-    for label in np.flatnonzero(np.bincount(memory.owner)):
-        own = np.flatnonzero(memory.owner == label)
-        points = memory.points_m[own]
-        cube = np.floor((points - points.min(axis=0)) / CLUSTER_GAP_M).astype(np.int64)
-        filled = np.zeros(cube.max(axis=0) + 1, dtype=bool)
-        filled[tuple(cube.T)] = True
-        cluster, count = ndimage.label(filled, structure=np.ones((3, 3, 3), dtype=int))
-        cubes = np.bincount(cluster[filled], minlength=count + 1)
-        area = cubes * CLUSTER_GAP_M**2 / CUBES_PER_FACE
-        large[own] = (area >= CLUSTER_AREA_M2)[cluster[tuple(cube.T)]]
-    return large

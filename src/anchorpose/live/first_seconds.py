@@ -268,7 +268,7 @@ class Backlog:
         return self._unpack(packed)
 
     def drop(self) -> None:
-        """Stop collecting and discard the waiting sets."""
+        """Stop collecting image sets, and discard those that ``take`` has not yet returned."""
         self._done.set()
         self._thread.join()
         self._packed.clear()

@@ -13,8 +13,8 @@ import numpy as np
 
 from anchorpose.body.belief import PoseBelief, vague_belief
 from anchorpose.body.evidence import Evidence
+from anchorpose.body.expected_joints import expected_joints
 from anchorpose.body.learning import REACHES_M, REFINING_M, learn_body, most_different
-from anchorpose.body.limb_search import expected_joints
 from anchorpose.body.pose import PARTS, Pose
 from anchorpose.body.pose_probability import facing_nats
 from anchorpose.body.rivals import DECIDED, OWN_BODY_ERROR, Rival, believed

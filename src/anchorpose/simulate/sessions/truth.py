@@ -85,8 +85,8 @@ def _risen(patient: SessionPatient, seated_s: float, highest_s: float) -> float:
 
 
 def _loss_of_balance(patient: SessionPatient, falls_s: float, strikes_s: float) -> tuple[float, float]:
-    """Return the time at which the extrapolated centre of mass leaves the outline of the soles, and its greatest
-    distance beyond the outline before the foot leaves the floor.
+    """Return the time at which the extrapolated centre of mass leaves the convex outline around both soles, and its
+    greatest distance beyond this outline before the foot that makes the recovery step leaves the floor.
 
     The centre of mass is the body's centre of volume, extrapolated as in Hof et al. 2005
     (doi:10.1016/j.jbiomech.2004.03.025).
