@@ -10,7 +10,16 @@ from scipy import stats
 from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.results import permutation
 from anchorpose.results.condition_effect import effects, scatter_of, spread_of
-from anchorpose.results.permutation import Blocks, blocks_needed, holm, neighbours, permutation_p, trials_needed, usable
+from anchorpose.results.permutation import (
+    Blocks,
+    blocks_needed,
+    holm,
+    neighbours,
+    permutation_interval,
+    permutation_p,
+    trials_needed,
+    usable,
+)
 from anchorpose.results.records import Measure
 
 ABAB = "ABABABABABAB"
@@ -161,6 +170,44 @@ def test_student_s_sleep_has_the_intervals_of_the_textbooks():
     assert free.weights @ value == pytest.approx(1.58)
     assert spread_of(value, none, free, 0.7).half == pytest.approx((3.3654832 + 0.2054832) / 2, abs=1e-6)
     assert spread_of(value, none, paired, 0.7).half == pytest.approx((2.4598858 - 0.7001142) / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "blocks", [one_block([0, 1] * 5), Blocks(np.array([0, 0, 1, 1] * 3, bool), np.repeat([0, 1, 2], 4))]
+)
+def test_the_interval_holds_the_differences_that_the_permutation_test_does_not_reject(seed, blocks):
+    value = np.random.default_rng(seed).normal(size=len(blocks.treated)) + blocks.treated
+    low, high = permutation_interval(value, blocks)
+    for end, inward in ((low, 1.0), (high, -1.0)):
+        inside, outside = (value - (end + step * inward * 1e-6) * blocks.treated for step in (1.0, -1.0))
+        assert permutation_p(inside, blocks)[0] >= 0.05 > permutation_p(outside, blocks)[0]
+    mirrored = permutation_interval(-value, blocks)
+    assert mirrored == pytest.approx((-high, -low))
+
+
+def test_the_interval_by_permutation_holds_the_truth_as_often_as_it_says_and_is_narrower_than_welchs():
+    random, blocks = np.random.default_rng(6), THREE_BLOCKS
+    values = random.normal(size=(400, 12)) + 2.0 * blocks.treated
+    intervals = np.array([permutation_interval(value, blocks) for value in values])
+    welch = [2.0 * spread_of(value, np.full(12, np.nan), blocks, 0.7).half for value in values]
+    assert 0.92 < np.mean((intervals[:, 0] <= 2.0) & (intervals[:, 1] >= 2.0)) < 0.98
+    assert np.ptp(intervals, axis=1).mean() < 0.75 * np.mean(welch)
+
+
+def test_no_interval_by_permutation_without_a_significant_p_or_with_standard_errors():
+    assert permutation_interval(np.arange(6.0), one_block([0, 1] * 3)) is None
+    assert permutation_interval(np.arange(9.0), one_block([0, 1] * 4 + [0])) is None
+
+
+def test_an_effect_with_a_small_p_has_an_interval_without_zero():
+    order, block = "ABABBABAABBA", "xxxxyyyyzzzz"
+    values = np.array([9.0, 13.1, 11.2, 15.4, 14.2, 10.1, 12.0, 9.2, 10.9, 12.1, 13.4, 9.1])
+    (effect,) = effects(rows_of(order, values, sigma=0.1), trials_of(order, block))
+    assert effect.p < 0.05
+    assert 0.0 < effect.low < effect.difference < effect.high
+    (coarse,) = effects(rows_of(order, values, sigma=9.0), trials_of(order, block))
+    assert coarse.low < 0.0 < coarse.high  # the errors of measurement alone could be as large
 
 
 def test_the_interval_of_blocks_holds_where_one_condition_scatters_more():

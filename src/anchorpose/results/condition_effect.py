@@ -17,6 +17,7 @@ from anchorpose.results.permutation import (
     blocks_needed,
     holm,
     neighbours,
+    permutation_interval,
     permutation_p,
     trials_needed,
     usable,
@@ -122,15 +123,34 @@ def _effect(by_number: dict[int | None, Measure], trials: Trials, names: tuple[s
     blocks = Blocks(treated[chosen], block[chosen])
     spread = spread_of(value, sigma, blocks, systematic_share(used[0].unit))
     difference = float(blocks.weights @ value)
-    effect = replace(empty, difference=difference, detectable=spread.detectable)
-    if spread.half is not None:
-        effect = replace(effect, low=difference - spread.half, high=difference + spread.half)
+    low, high = _interval(difference, spread, permutation_interval(value, blocks))
+    effect = replace(empty, difference=difference, low=low, high=high, detectable=spread.detectable)
     if np.ptp(value) == 0.0:
         return replace(effect, why="all trials have the same value")
     if blocks.smallest_p >= ALPHA / comparisons:
         return replace(effect, why=_too_few(design, blocks, comparisons))
     p, exact = permutation_p(value, blocks)
     return replace(effect, p=p, exact=exact)
+
+
+def _interval(
+    difference: float, spread: Spread, by_test: tuple[float, float] | None
+) -> tuple[float | None, float | None]:
+    """Return the ends of the 95 % interval of a difference between conditions, None if they are unknown.
+
+    by_test: the interval that agrees with the p value (``permutation_interval``). It includes the scatter of the trials
+    but not their systematic errors, so it is widened by these errors. It is at least as wide as the errors of
+    measurement alone. If it is None, the interval is computed from Student's t distribution (``Spread.half``).
+    """
+    if spread.half is None:
+        return None, None
+    if by_test is None:
+        return difference - spread.half, difference + spread.half
+    below, above = (
+        max(float(np.hypot(away, NORMAL_95 * spread.systematic)), spread.detectable or 0.0)
+        for away in (difference - by_test[0], by_test[1] - difference)
+    )
+    return difference - below, difference + above
 
 
 def _design(trials: Trials, names: tuple[str, str]) -> tuple[str, np.ndarray, np.ndarray]:
@@ -171,12 +191,14 @@ def _too_few(design: str, blocks: Blocks, comparisons: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The uncertainty of a difference. half: half the width of its 95 % interval; detectable: the difference that
-    errors of measurement alone exceed only 5 times in 100. Each of the two is None if it is unknown.
+    """The uncertainty of a difference. half: half the width of its 95 % interval by Student's t distribution;
+    detectable: the difference that errors of measurement alone exceed only 5 times in 100. Each of the two is None if
+    it is unknown. systematic: standard deviation of the difference due to systematic errors; 0 if unknown.
     """
 
     half: float | None
     detectable: float | None
+    systematic: float = 0.0
 
 
 def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float) -> Spread:
@@ -199,7 +221,8 @@ def spread_of(value: np.ndarray, sigma: np.ndarray, blocks: Blocks, share: float
     if not np.isfinite(scatter) or (scatter == 0.0 and not stated):
         return Spread(None, detectable)
     variance = max(scatter, random) + systematic if stated else scatter
-    return Spread(float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance)), detectable)
+    half = float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0) * np.sqrt(variance))
+    return Spread(half, detectable, float(np.sqrt(systematic)) if stated else 0.0)
 
 
 def scatter_of(value: np.ndarray, blocks: Blocks) -> tuple[float, float]:

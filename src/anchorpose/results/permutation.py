@@ -128,10 +128,47 @@ def permutation_p(value: np.ndarray, blocks: Blocks) -> tuple[float, bool]:
     if blocks.assignments > MOST_EXACT:
         drawn = _size(np.sum(_parts(value, blocks, _drawn_weights(blocks)), axis=0), blocks)
         return float((1 + np.sum(drawn >= limit)) / (1 + len(drawn))), False
-    total = np.zeros((2, 1))
-    for part in _parts(value, blocks, _all_weights(blocks)):
-        total = (total[:, :, None] + part[:, None, :]).reshape(2, -1)
+    total = _sum_of_parts(_parts(value, blocks, _all_weights(blocks)))
     return float(np.mean(_size(total, blocks) >= limit)), True
+
+
+def _sum_of_parts(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Return (2, k): the differences and their variances under all k combinations of the blocks' assignments. parts:
+    for each block, an array as in ``_parts``.
+    """
+    total = np.zeros((2, 1))
+    for part in parts:
+        total = (total[:, :, None] + part[:, None, :]).reshape(2, -1)
+    return total
+
+
+def permutation_interval(value: np.ndarray, blocks: Blocks) -> tuple[float, float] | None:
+    """Return the 95 % interval of the difference between conditions in ``value`` (n,): all differences that, after they
+    are subtracted from the trials of the condition, leave a p of at least 0.05 (Edgington and Onghena 2007, chapter
+    3). Return None if the smallest possible p is not below 0.05, if there are too many assignments to examine all, or
+    if differences are divided by their standard errors (``Blocks.scaled``).
+    """
+    if blocks.scaled or blocks.assignments > MOST_EXACT or blocks.smallest_p >= ALPHA:
+        return None
+    weights = _all_weights(blocks)
+    sums = [_sum_of_parts(_parts(each, blocks, weights))[0] for each in (value, blocks.treated.astype(np.float64))]
+    difference = float(blocks.weights @ value)
+    return -_upper_limit(-sums[0], sums[1], -difference), _upper_limit(sums[0], sums[1], difference)
+
+
+def _upper_limit(differences: np.ndarray, shares: np.ndarray, observed: float) -> float:
+    """Return the largest difference that, subtracted from the trials of the condition, leaves a p of at least 0.05.
+
+    differences (k,): the difference under each assignment. shares (k,): how much the difference under each assignment
+    falls when 1 is subtracted from the condition's trials; 1 for the ``observed`` assignment.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # the subtracted difference up to which an assignment counts as at least as extreme as the observed one, in the
+        # same or in the other direction
+        same, other = (observed + differences) / (1.0 + shares), (observed - differences) / (1.0 - shares)
+    tied, mirrored = 1.0 - shares < TIE, 1.0 + shares < TIE  # these two are as extreme at every difference
+    until = np.maximum(np.where(mirrored, np.inf, same), np.where(tied, np.inf, other))
+    return float(np.sort(until)[::-1][math.ceil(ALPHA * len(until)) - 1])
 
 
 def _size(total: np.ndarray, blocks: Blocks) -> np.ndarray:
