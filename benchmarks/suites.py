@@ -33,8 +33,8 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-# first seeds. The held-out seed is used once, for the release; 141 and 241 to 301 have been looked at before
-EASY_SEEDS: Final = {"tuning": 101, "held-out": 601}
+# first seeds. The held-out seed is used once, for the release; 141, 241 to 301 and 401 to 601 have been looked at before
+EASY_SEEDS: Final = {"tuning": 101, "held-out": 701}
 
 
 def easy(use: Use, quick: bool) -> Iterator[Case]:
@@ -127,9 +127,9 @@ RECIPES: Final[dict[Use, tuple[Recipe, ...]]] = {
 }
 """The held-out scenes have two movements and one kind of equipment that no scene for tuning has, and other subjects."""
 
-HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 57_000}
+HARD_SEED: Final[dict[Use, int]] = {"tuning": 41_000, "held-out": 58_000}
 """Seed of the first scene. The held-out seed is used once, for the release; the 24 scenes from each of the seeds 42000
-and 45000 to 54000 have been looked at before."""
+and 45000 to 57000 have been looked at before."""
 SUBJECTS: Final[dict[Use, tuple[int, ...]]] = {"tuning": (1, 2, 3, 4, 5), "held-out": (6, 7)}
 ROUNDS: Final = 2  # scenes per recipe, each with another seed
 
