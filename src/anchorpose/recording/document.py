@@ -259,12 +259,13 @@ def read_rows(path: Path, delimiter: str = ",", largest_bytes: int = LARGEST_TAB
     text = read_text(path, largest_bytes)
     if "\0" in text:
         raise InputError(path, "holds null characters", "save it again as text in UTF-8")
-    rows = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
+    rows = csv.reader(StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
         found = [(rows.line_num, [cell.strip() for cell in row]) for row in rows]
     except csv.Error as error:
         kind = "CSV" if delimiter == "," else "a table"
-        raise InputError(path, f"is not {kind} in line {rows.line_num} ({error})", "correct that line") from None
+        hint = ": a cell that begins with a quotation mark must also end with one" if '"' in text else ""
+        raise InputError(path, f"is not {kind} in line {rows.line_num} ({error})", f"correct that line{hint}") from None
     return [(number, row) for number, row in found if any(row)]
 
 
