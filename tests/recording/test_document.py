@@ -74,7 +74,7 @@ def test_a_hundred_thousand_keys_of_which_one_is_twice_there_take_no_minute():
 def test_a_quotation_mark_that_is_not_closed_is_refused_and_swallows_no_lines(tmp_path):
     path = tmp_path / "events.tsv"
     path.write_text('a\tb\n1\t"open\n2\tx\n')
-    with pytest.raises(InputError, match="is not a table in line 3 .*must also end with one"):
+    with pytest.raises(InputError, match=r"is not a table in line 3 .*must also end with one"):
         read_rows(path, "\t")
     path.write_text('a\tb\n1\t5" step\n2\t"said ""no"" twice"\n')
     assert read_rows(path, "\t") == [(1, ["a", "b"]), (2, ["1", '5" step']), (3, ["2", 'said "no" twice'])]

@@ -172,10 +172,11 @@ def test_student_s_sleep_has_the_intervals_of_the_textbooks():
     assert spread_of(value, none, paired, 0.7).half == pytest.approx((2.4598858 - 0.7001142) / 2, abs=1e-6)
 
 
+THREE_BLOCKS = Blocks(np.array([0, 0, 1, 1] * 3, dtype=bool), np.repeat([0, 1, 2], 4))
+
+
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(
-    "blocks", [one_block([0, 1] * 5), Blocks(np.array([0, 0, 1, 1] * 3, bool), np.repeat([0, 1, 2], 4))]
-)
+@pytest.mark.parametrize("blocks", [one_block([0, 1] * 5), THREE_BLOCKS])
 def test_the_interval_holds_the_differences_that_the_permutation_test_does_not_reject(seed, blocks):
     value = np.random.default_rng(seed).normal(size=len(blocks.treated)) + blocks.treated
     low, high = permutation_interval(value, blocks)
