@@ -71,3 +71,12 @@ def test_a_lens_that_turns_back_is_valid_as_far_as_it_goes_out():
     rays = rays_of_pixels(lens, 400, 144)
     assert np.isnan(rays[72, 399]).all()
     assert np.isfinite(rays[72, 150]).all()
+
+
+def test_a_model_named_by_a_text_is_that_model_and_an_unknown_one_is_refused():
+    lens = intrinsics("fisheye")
+    by_name = replace(lens, model="kannala-brandt")
+    assert by_name == lens
+    np.testing.assert_array_equal(lens_array(by_name), lens_array(lens))
+    with pytest.raises(ValueError, match="fisheye"):
+        replace(lens, model="fisheye")

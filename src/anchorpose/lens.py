@@ -52,7 +52,7 @@ class Intrinsics:
     """A pinhole camera with OpenCV's distortion; pixel centres have whole-numbered coordinates.
 
     valid_radius: sqrt(x² + y²) / z of a ray up to which the maker guarantees the coefficients (Azure Kinect's "metric
-    radius" is 1.74); None if unknown.
+    radius" is 1.74); None if unknown. model: also accepted as text, such as "rational"; ValueError for other texts.
     """
 
     fx: float
@@ -62,6 +62,10 @@ class Intrinsics:
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     model: LensModel = LensModel.BROWN_CONRADY
     valid_radius: float | None = None
+
+    def __post_init__(self) -> None:
+        """Turn the name of a lens model into the model; the text alone would be taken for another model."""
+        object.__setattr__(self, "model", LensModel(self.model))
 
     @property
     def matrix(self) -> np.ndarray:
