@@ -203,6 +203,7 @@ def test_an_arm_labelled_as_another_persons_is_the_patients_again_by_the_predict
     labels[arm] = OTHER
     memory = update_memory(empty_memory(), [pieces], [replace(view, labels=labels)], [FRONT], 0.0)
     assert (labels == OTHER).sum() > 100
+    assert (memory.owner == OTHER).any()
     later = pieces_of(*body(0, 0), seed=61)
     (view,) = separate(later, memory, skin_likelihood(*body(0, 0)), A_FRAME_S, CAMERAS)
     assert (view.labels[arm] == PATIENT).mean() > 0.9

@@ -9,7 +9,7 @@ from scipy import stats
 
 from anchorpose.recording.events import Trial, TrialColumn, Trials
 from anchorpose.results import permutation
-from anchorpose.results.condition_effect import effects, scatter_of, spread_of
+from anchorpose.results.condition_effect import Spread, _interval, effects, scatter_of, spread_of
 from anchorpose.results.permutation import (
     Blocks,
     blocks_needed,
@@ -196,9 +196,16 @@ def test_the_interval_by_permutation_holds_the_truth_as_often_as_it_says_and_is_
     assert np.ptp(intervals, axis=1).mean() < 0.75 * np.mean(welch)
 
 
+def test_the_interval_by_permutation_is_widened_by_systematic_errors():
+    low, high = _interval(5.0, Spread(9.0, 0.5, 1.0), (3.0, 6.0))
+    assert (low, high) == pytest.approx((5.0 - math.hypot(2.0, 1.96), 5.0 + math.hypot(1.0, 1.96)), abs=1e-3)
+    assert _interval(5.0, Spread(9.0, 0.5, 1.0), None) == (-4.0, 14.0)
+
+
 def test_no_interval_by_permutation_without_a_significant_p_or_with_standard_errors():
     assert permutation_interval(np.arange(6.0), one_block([0, 1] * 3)) is None
     assert permutation_interval(np.arange(9.0), one_block([0, 1] * 4 + [0])) is None
+    assert permutation_interval(np.arange(24.0), one_block([0, 1] * 12)) is None  # too many assignments
 
 
 def test_an_effect_with_a_small_p_has_an_interval_without_zero():

@@ -1,5 +1,5 @@
-"""Find the true places of misplaced limbs: propose poses from the images, register these poses, and compare all poses
-by the same evidence.
+"""Find the true places of misplaced limbs: propose poses from the images and from usual postures of hidden limbs,
+register these poses, and compare all poses by the same evidence.
 
 The search runs if a registered pose is in doubt, for example because it leaves seen skin uncovered.
 """
@@ -90,8 +90,8 @@ def search_limbs(
     config: RegistrationConfig,
     anchors: SeenAnchors | None = None,
 ) -> Search:
-    """Move limbs to the places where the images show them, as long as such a move makes the pose clearly likelier.
-    Return the best registration.
+    """Move limbs to the places where the images show them, or hidden limbs to usual places, as long as such a move
+    makes the pose clearly likelier. Return the best registration.
 
     predicted: the expected pose; if a limb is found in another place, this pose was wrong. So the search gives the
     expected pose a low weight, namely the weight that it would have after ``UNSEEN_S`` seconds without a view of the

@@ -1,6 +1,7 @@
 """Propose other poses for a pose in doubt (a pose that may be wrong), from each source independently.
 
-The images determine the places of the proposed limbs. The trunk is taken from the pose in doubt, but the descriptor
+The images determine the places of the proposed limbs, except for hidden limbs, which get a usual posture. The trunk is
+taken from the pose in doubt, but the descriptor
 also proposes other poses of the trunk, and one proposal turns the body round.
 """
 
@@ -96,9 +97,7 @@ def _exchanged(doubted: Doubted) -> Iterator[Pose]:
 
 
 def _hidden(doubted: Doubted) -> Iterator[Pose]:
-    """Yield two poses for each limb, in which this limb has a usual posture. If the limb is hidden, its pixels in the
-    pose in doubt show something else, for example the other leg.
-    """
+    """Yield two poses for each limb, in which this limb is hidden in a usual posture (``usual_poses``)."""
     yield from usual_poses(doubted.body, doubted.pose)
 
 

@@ -1,8 +1,8 @@
 """Follow rivals until the images decide (paper, Section V). Rivals are poses that explain the images almost as well
 as the best pose.
 
-The best pose and its rivals are registered to every frame. A rival that becomes likelier than the best pose replaces
-it. Until then, each rival increases the sigma of the joints.
+The best pose and its rivals are registered to every frame. A rival that becomes clearly likelier (by half of
+``LEAST_GAIN``) replaces the best pose. Until then, each rival increases the sigma of the joints.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from anchorpose.body.constraints import no_constraints
 from anchorpose.body.evidence import Evidence
 from anchorpose.body.expected_joints import Expected, expected_joints
 from anchorpose.body.likelihood import likelihood
-from anchorpose.body.pose import LIMB_OF_JOINTS
+from anchorpose.body.pose import LIMB_OF_JOINTS, TRUNK
 from anchorpose.body.pose_probability import facing_nats, log_probability
 from anchorpose.body.registration import Registration, register
 from anchorpose.body.skin_points import Body
@@ -51,7 +51,8 @@ OWN_MEMORY_S: Final = 4.0
 # likely. A rival replaces the best pose at half of this value, so the replaced pose must gain the whole value to return
 LEAST_GAIN: Final = 3.0
 # nats (a factor of e^6), difference at which the images decide between two poses. A rival is dropped if the best pose
-# explains the last frames better by at least this much (``Rival.lag``)
+# explains the last frames better by at least this much (``Rival.lag``). Also used for the facing that learning decides,
+# and for scene hypotheses
 DECIDED: Final = 6.0
 MOST: Final = 3  # maximum number of rivals; each rival takes as much time as registering the best pose
 
@@ -117,8 +118,8 @@ def follow_rivals(
     config: RegistrationConfig,
     pace: Pace = PATIENT_PACE,
 ) -> tuple[Registration, tuple[Rival, ...]]:
-    """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A likelier
-    rival replaces the best pose.
+    """Register the rivals to a frame, and return the frame's best registration and the remaining rivals. A rival that
+    is likelier by half of ``LEAST_GAIN`` replaces the best pose.
 
     pace: the rate at which a predicted pose becomes uncertain, the same as for the best pose.
     """
@@ -137,7 +138,9 @@ def follow_rivals(
         lead = most - log_probability(own, found.belief.pose, evidence)
         lead = believed(lead, parts_apart(body.joints(best.belief.pose), own.joints(found.belief.pose)), error)
         lead += facing - facing_nats(own, found.belief.pose, evidence.cameras)
-        moved = max(old * rival.moved, _unseen_moved(expected, shown, own, found, evidence))
+        faded, unseen = old * rival.moved, _unseen_moved(expected, shown, own, found, evidence)
+        # a rival that is nearer to the expected pose than the best pose (``moved`` below 0) keeps this advantage
+        moved = max(faded, unseen + min(faded, 0.0))
         followed.append((found, Rival(found.belief, old * rival.lag + (1.0 - old) * lead, moved, rival.body)))
     able = (one for one in followed if one[1].body is None)
     first = min(able, key=lambda one: one[1].behind, default=None)
@@ -150,13 +153,18 @@ def follow_rivals(
 
 def _unseen_moved(expected: Expected, shown: np.ndarray, own: Body, rival: Registration, evidence: Evidence) -> float:
     """Return the cost, in nats, of the places that a rival gives to the limbs which are seen neither in the best pose
-    nor in the rival's pose. No image decides about these limbs, only the time since they were seen.
+    nor in the rival's pose; 0 if both poses differ in the trunk. No image decides about these limbs, only the time
+    since they were seen.
 
     expected: the joints' places in the best pose; their sigma grows while a limb is hidden. shown (PARTS,) bool: the
     limbs that are seen in the best pose.
     """
+    joints_m = own.joints(rival.belief.pose)
+    away_m = np.linalg.norm(joints_m - expected.joints_m, axis=1)
+    if (away_m[LIMB_OF_JOINTS == TRUNK] > APART_M).any():
+        return 0.0  # the images of the trunk decide, and hidden limbs follow the trunk
     hidden = ~(shown | likelihood(own, rival.belief.pose, evidence).seen.any(axis=1))
-    return float(expected.moved_parts(own.joints(rival.belief.pose))[hidden].sum())
+    return float(expected.moved_parts(joints_m)[hidden].sum())
 
 
 def rivals_of(body: Body, best: PoseBelief, others: Sequence[Rival]) -> tuple[Rival, ...]:

@@ -138,9 +138,10 @@ def _interval(
 ) -> tuple[float | None, float | None]:
     """Return the ends of the 95 % interval of a difference between conditions, None if they are unknown.
 
-    by_test: the interval that agrees with the p value (``permutation_interval``). It includes the scatter of the trials
-    but not their systematic errors, so it is widened by these errors. It is at least as wide as the errors of
-    measurement alone. If it is None, the interval is computed from Student's t distribution (``Spread.half``).
+    by_test: the interval that agrees with the p value of a single comparison (``permutation_interval``). It includes
+    the scatter of the trials but not their systematic errors, so it is widened by these errors. It is at least as wide
+    as the errors of measurement alone. If it is None, the interval is computed from Student's t distribution
+    (``Spread.half``).
     """
     if spread.half is None:
         return None, None

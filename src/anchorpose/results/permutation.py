@@ -5,9 +5,10 @@ Frames of a recording are not independent, but trials are exchangeable if their 
 conditions have no effect, all assignments of the conditions to the trials of a block would have given the same values,
 and each assignment is equally probable. The p value is the share of assignments whose difference, in either direction,
 is at least as large as the observed difference (Fisher 1935, The Design of Experiments, section 21; Edgington and
-Onghena 2007, Randomization Tests, doi:10.1201/9781420011814). If the conditions have different numbers of trials, each
-difference is divided by its standard error, since a condition that only reduces the scatter of the trials would
-otherwise seem to change their mean (Janssen 1997, doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is
+Onghena 2007, Randomization Tests, doi:10.1201/9781420011814). If some block has different numbers of trials of the two
+conditions, and every block has at least two of each, each difference is divided by its standard error, since a
+condition that only reduces the scatter of the trials would otherwise seem to change their mean (Janssen 1997,
+doi:10.1016/S0167-7152(97)00043-6). For several conditions, p is
 adjusted as in Holm 1979 (Scandinavian Journal of Statistics 6:65-70).
 """
 
@@ -144,9 +145,9 @@ def _sum_of_parts(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def permutation_interval(value: np.ndarray, blocks: Blocks) -> tuple[float, float] | None:
     """Return the 95 % interval of the difference between conditions in ``value`` (n,): all differences that, after they
-    are subtracted from the trials of the condition, leave a p of at least 0.05 (Edgington and Onghena 2007, chapter
-    3). Return None if the smallest possible p is not below 0.05, if there are too many assignments to examine all, or
-    if differences are divided by their standard errors (``Blocks.scaled``).
+    are subtracted from the trials of the condition, leave a p (of a single comparison) of at least 0.05 (Edgington and
+    Onghena 2007, chapter 3). Return None if the smallest possible p is not below 0.05, if there are more than
+    ``MOST_EXACT`` assignments, or if differences are divided by their standard errors (``Blocks.scaled``).
     """
     if blocks.scaled or blocks.assignments > MOST_EXACT or blocks.smallest_p >= ALPHA:
         return None
