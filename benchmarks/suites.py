@@ -33,7 +33,7 @@ EASY: Final[dict[str, Callable[[int, float], Config]]] = {
     "clinic: three cameras, frame, two therapists": presets.clinic,
     "the same clinic, front camera alone": lambda seed, seconds: replace(presets.clinic(seed, seconds), cameras=1),
 }
-# first seeds. The held-out seed is used once, for the release; 141, 241 to 301 and 401 to 601 have been looked at before
+# first seeds. The held-out seed is used once, for the release; 141, 241 to 301 and 401 to 601 were looked at before
 EASY_SEEDS: Final = {"tuning": 101, "held-out": 701}
 
 
