@@ -155,6 +155,23 @@ def test_who_comes_in_may_be_the_other_who_left_too(left):
         assert isinstance(found, PatientChoice)  # was hidden, not away
 
 
+def test_a_place_that_was_seen_without_him_says_nothing_about_who_comes_there():
+    """He has left the place where he was lost: who stands there later may be the therapist, who is away, too."""
+    newcomer = body(0.1, -0.1)
+    assert isinstance(looked(lost_beside(THERAPIST), (newcomer,), first=LATER)[0], PatientChoice)
+    assert looked(lost_beside(THERAPIST), (), (newcomer,), first=LATER)[1] is NoStart.WHO_IS_IT
+
+
+def test_who_left_a_few_pixels_of_their_label_on_another_person_is_away():
+    """Labels spread where people touch, so a few pixels do not show that the second therapist is in view."""
+    search = lost_beside(THERAPIST, left=True)
+    (label,) = search._met
+    search._met, search._newcomer = frozenset({label, label + 1}), label + 2
+    few = np.arange(len(search.memory.owner)) % 20 == 0
+    search.memory = replace(search.memory, owner=np.where(few, label + 1, label).astype(np.uint8), next_label=label + 2)
+    assert looked(search, (THERAPIST, body(0.1, -0.1)), first=LATER) == [NoStart.WHO_IS_IT]
+
+
 def test_he_comes_back_while_everybody_else_stays():
     found = looked(lost_beside(THERAPIST, left=True), (THERAPIST,), (THERAPIST, body(0.1, -0.1)), first=LATER)
     assert isinstance(found[1], PatientChoice)

@@ -3,10 +3,10 @@
 A limb or patient that is found again was often in view in earlier frames already, but not at the predicted place. So
 the patient is tracked back from the frame in which the limb or patient was found again. Tracking back ends when both
 directions agree, or when it shows no more of the body than the pass did. Each frame is then taken from the direction
-that has more joints at places where cameras see the body. After a loss of the patient, however, the two directions may
-follow two people. This is the case if the two trunks are at different places in most of the frames in which cameras see
-both trunks. The pass has followed the patient from the initial frame, so the person who was found again is then not the
-patient, and no frame is replaced.
+that has more joints at places where cameras see the body. The two directions may, however, follow two people. This is
+the case if the two trunks are at different places in most of the frames in which cameras see both trunks. The pass has
+followed the patient from the initial frame, so the person who was found again is then not the patient, and no frame is
+replaced.
 """
 
 from __future__ import annotations
@@ -106,9 +106,7 @@ def look_back(
     """
     start = turn_round(found, run.config)
     again = [] if start is None else _seen_again(PatientTracker(run, start), before, frame, run, keep)
-    last = before[-1].result
-    was_lost = last is not None and last.pose is None  # if False, a limb was found again
-    if not again or (was_lost and _are_two_people(before, again)):
+    if not again or _are_two_people(before, again):
         return list(before)
     first = len(before) - len(again)
     there, back = (course_of([one.result for one in way if one.result], len(again)) for way in (before[first:], again))

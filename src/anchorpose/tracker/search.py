@@ -11,9 +11,9 @@ from scipy.optimize import linear_sum_assignment
 
 from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import BystanderMemory, update_memory
+from anchorpose.isolation.bystander_memory import CELL_M, BystanderMemory, update_memory
 from anchorpose.isolation.patient_label import LAST_LABEL
-from anchorpose.isolation.people import PatientChoice, People, Person, see_people
+from anchorpose.isolation.people import PatientChoice, People, Person
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -21,6 +21,7 @@ from anchorpose.recording.recording import FrameSet
 from anchorpose.tracker.observation import Observation
 from anchorpose.tracker.patient_choice import outside_m
 from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.sighting import see_people_apart
 from anchorpose.tracker.start import NoStart
 
 # m; a person this close to the patient's last place counts as standing there, as a partly seen person's place is
@@ -37,6 +38,7 @@ STRIP_M: Final = 0.15
 BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
 # an image border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
 CUT: Final = 0.5
+MOST: Final = 0.5  # minimum share of a person's skin past which a camera sees, for the person to be somewhere else
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +80,8 @@ class Search:
     _met: frozenset[int]
     _places: dict[int, np.ndarray]
     _left: bool
+    _skin_m: np.ndarray  # (n, 3) m, the patient's skin as last seen
+    _moved: bool  # whether a camera has seen past most of this skin since then, so that the patient is somewhere else
 
     def __init__(self, now: Observation, last: LastSeen, left: bool = False) -> None:
         self.memory, self._time_s = now.memory.without_patient.since(FORGET_S), now.frame_set.time_s
@@ -87,32 +91,37 @@ class Search:
         # stand for several people
         self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
         self._met, self._places, self._left = last.met, last.places, left
+        self._skin_m = last.seen.memory.seen_last.get(PixelLabel.PATIENT, np.zeros((0, 3), np.float32))
+        self._moved = False
 
     def look(self, frame_set: FrameSet, run: Run) -> PatientChoice | NoStart:
         """Return the person who may be the patient in this frame, or the reason why no person may be. Call this method
         for all frames in order.
 
-        A new person may be a known bystander with a new label, if the patient has left the image or the person appears
-        in another place. Such a person counts as the patient only if standing in the equipment, or while all bystanders
-        are in view. A person who enters too soon after the patient has left is not the patient.
+        A new person may be a known bystander with a new label, if the person appears in another place, if the patient
+        has left the image, or if a camera has seen since then that nobody is where the patient was lost. Such a person
+        counts as the patient only if standing in the equipment, or while all bystanders are in view. A person who
+        enters too soon after the patient has left is not the patient.
         """
         pieces, cameras = find_all_pieces(frame_set, run.room.scenes), run.room.cameras
         elapsed_s = frame_set.time_s - self._time_s
         views = separate(pieces, self.memory, None, elapsed_s, cameras)
         self.memory = update_memory(self.memory, pieces, views, cameras, elapsed_s).since(FORGET_S)
         self._time_s = frame_set.time_s
+        self._moved |= _is_seen_past(self._skin_m, pieces, cameras)
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
             self._newcomer = min(self.memory.next_label, LAST_LABEL)
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
-        people = see_people(pieces, cameras)
-        axes = [one.ground_xz_m for one in self._strangers(people, pieces, views)]
-        axes = [axis for axis in axes if self._away_m(axis) <= reach_m and not self._is_someone_hidden(axis, views)]
+        people = see_people_apart(pieces, cameras).people
+        strangers, in_view = self._strangers(people, pieces, views)
+        axes = [one.ground_xz_m for one in strangers]
+        axes = [axis for axis in axes if self._away_m(axis) <= reach_m and not self._is_someone_hidden(axis, in_view)]
         if not axes:
             return NoStart.NOBODY_NEW if people.people else NoStart.NOBODY_THERE
         nearest = min(axes, key=self._away_m)
-        elsewhere = self._left or self._away_m(nearest) > NEAR_M
-        if elsewhere and self._a_bystander_is_away(views) and not _in_equipment(nearest, run.room):
+        elsewhere = self._left or self._moved or self._away_m(nearest) > NEAR_M
+        if elsewhere and not self._met <= in_view and not _in_equipment(nearest, run.room):
             return NoStart.WHO_IS_IT
         return PatientChoice(
             nearest, "is nearest to where the patient was lost, among people who were not there before", sure=False
@@ -122,13 +131,12 @@ class Search:
         """Return how far a place (2,) is from the place where the patient was last seen."""
         return float(np.linalg.norm(axis_xz_m - self._place_xz_m))
 
-    def _is_someone_hidden(self, axis_xz_m: np.ndarray, views: Sequence[View | None]) -> bool:
+    def _is_someone_hidden(self, axis_xz_m: np.ndarray, in_view: frozenset[int]) -> bool:
         """Return whether a person at a place (2,) may be a bystander who is out of view. This is possible if the
         bystander's last place is nearer to this place than the patient's last place is. Such a bystander may reappear
         before the patient, under a new label.
         """
-        shown = _people_in(views)
-        hidden = [place for label, place in self._places.items() if label not in shown]
+        hidden = [place for label, place in self._places.items() if label not in in_view]
         return any(np.linalg.norm(axis_xz_m - place) < self._away_m(axis_xz_m) for place in hidden)
 
     def expected(self, time_s: float) -> PoseBelief | None:
@@ -138,15 +146,15 @@ class Search:
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
-    def _a_bystander_is_away(self, views: Sequence[View | None]) -> bool:
-        """Return whether any bystander is out of view."""
-        return not self._met <= _people_in(views)
-
-    def _strangers(self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> list[Person]:
-        """Return the people who are not bystanders seen before.
+    def _strangers(
+        self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]
+    ) -> tuple[list[Person], frozenset[int]]:
+        """Return the people who are not bystanders seen before, and the labels of the bystanders who are in view.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
         Labels may spread from one person to another who touches them, but the learnt descriptor still finds two people.
+        A bystander is in view if most pixels of a person have the bystander's label: a few pixels with this label may
+        be left on another person.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
@@ -156,7 +164,20 @@ class Search:
                 np.add.at(shared, (own[own >= 0], labels[own >= 0]), 1)
         who, label = linear_sum_assignment(-shared[:, known])
         taken = {int(k) for k, n in zip(who, label, strict=True) if shared[k, known[n]] > 0}
-        return [person for k, person in enumerate(people.people) if k not in taken]
+        strangers = [person for k, person in enumerate(people.people) if k not in taken]
+        return strangers, frozenset(shared.argmax(axis=1).tolist())
+
+
+def _is_seen_past(skin_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> bool:
+    """Return whether a camera sees past most of these points on a person's skin (n, 3): its readings there lie farther
+    away. The result is False without points.
+    """
+    for pixels, camera in zip(pieces, cameras, strict=True):
+        if pixels is not None and len(skin_m):
+            own, read, inside = camera.look(skin_m, pixels.depth_m)
+            if (inside & (read > own + CELL_M)).mean() > MOST:
+                return True
+    return False
 
 
 def _people_in(views: Sequence[View | None]) -> frozenset[int]:
