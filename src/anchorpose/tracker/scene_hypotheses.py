@@ -49,6 +49,14 @@ from anchorpose.tracker.sighting import TWO_PEOPLE_M
 # m, assumed error of the place of a bystander's trunk, since the rough body has average proportions; half the depth of
 # a chest
 ROUGH_SIGMA_M: Final = 0.1
+# (k, 3) m, displacements over the ground from the predicted place of a hidden patient, the shortest first: half a
+# trunk's breadth apart, as far as a hidden patient may walk in a second
+PLACES_M: Final = np.array(
+    sorted(
+        ((0.25 * x, 0.0, 0.25 * z) for x in range(-4, 5) for z in range(-4, 5)),
+        key=lambda away: float(np.hypot(*away[::2])),
+    )
+)
 # sigmas; up to this deviation from the expected place, the cost of a movement grows with the square of the deviation.
 # The cost of larger deviations grows linearly, since people stumble
 USUAL: Final = 3.0
@@ -120,12 +128,20 @@ class KnownPeople:
         return ExpectedJoints(expected, _sigma_m(self.elapsed_s, self.last.gone_s)).cost(joints_m, EVERY)
 
     def hiding(self, views: Sequence[View | None]) -> float:
-        """Return the cost, in nats, of the assumption that the patient is hidden. It is high if cameras see past the
-        predicted pose (read something farther away). The patient may also be hidden elsewhere, so the cost is limited.
+        """Return the cost, in nats, of the assumption that the patient is hidden, in the predicted posture: the least
+        cost over ``PLACES_M`` around the predicted place. A place costs what the movement there costs, and more if
+        cameras see past the body there (read something farther away). The cost is limited, since the posture may have
+        changed, too.
         """
-        nobody = person_evidence(views, self.run.room.cameras, PixelLabel.PATIENT)
-        past = likelihood(self.body, self.predicted.pose, nobody).total
-        return min(-believed(min(past, 0.0), PARTS), 2.0 * STRANGE)
+        nobody, predicted = person_evidence(views, self.run.room.cameras, PixelLabel.PATIENT), self.predicted.pose
+        least = 2.0 * STRANGE
+        for away_m in PLACES_M:
+            pose = replace(predicted, root_m=predicted.root_m + away_m)
+            moved = self.moved(self.body.joints(pose)) if away_m.any() else 0.0
+            if moved < least:
+                past = likelihood(self.body, pose, nobody).total
+                least = min(least, moved - believed(min(past, 0.0), PARTS))
+        return least
 
     @property
     def in_view(self) -> frozenset[int]:
