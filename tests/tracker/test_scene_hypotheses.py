@@ -127,13 +127,15 @@ def test_a_helper_is_not_the_patient_whom_a_passer_by_hides(before):
 
 
 def test_it_costs_nothing_to_be_hidden_behind_somebody_and_much_to_be_hidden_in_the_open(before):
-    def cost(*people: tuple[float, float]) -> float:
+    def cost(*people: tuple[float, float], known: KnownPeople = before) -> float:
         now = seen_with(frame(1, HELPER, *people), HELPER, others=9)
-        hidden = scene_hypotheses._hidden(scene_hypotheses._scored(now, registered(now, before), before), before)
-        return before.hiding(hidden.seen.evidence.views)
+        hidden = scene_hypotheses._hidden(scene_hypotheses._scored(now, registered(now, known), known), known)
+        return known.hiding(hidden.seen.evidence.views)
 
     assert cost(PATIENT, PASSER_BY) < 1.0
     assert cost() == pytest.approx(2.0 * STRANGE)
+    beside = (PASSER_BY[0], PASSER_BY[1] + 0.2)  # a patient who has been hidden for long may have walked there
+    assert cost(beside, known=replace(before, last=replace(before.last, gone_s=1.0))) < STRANGE
 
 
 def test_a_patient_who_has_another_label_is_found(before):
