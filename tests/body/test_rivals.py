@@ -93,6 +93,17 @@ def test_a_rival_4_5_times_as_likely_takes_the_place_of_the_best():
         assert (first is not best) == taken
 
 
+def test_two_poses_that_are_as_likely_do_not_take_turns():
+    """No image shows the arm. After a rival has replaced the best pose, the old pose must gain twice as much to return."""
+    hidden, best = seen_body(TRUTH, BODY, change=without_arm), Registration(vague_belief(TRUTH), 1.0, True)
+    low, (old,) = follow_rivals(BODY, best, (Rival(vague_belief(LOW), -1.7),), hidden, 1e-3, CONFIG)
+    assert low is not best
+    for gain, returned in ((2.5, False), (4.0, True)):  # nats
+        gained = Rival(old.belief, old.lag - gain, old.moved)
+        first, _ = follow_rivals(BODY, low, (gained,), hidden, 1e-3, CONFIG)
+        assert (first is not low) == returned
+
+
 def test_a_hidden_arm_does_not_move_without_an_image_of_it():
     """The rival's place is likelier by the images so far, but the arm was seen elsewhere a moment ago."""
     hidden, best = seen_body(TRUTH, BODY, change=without_arm), registered(TRUTH)
