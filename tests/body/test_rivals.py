@@ -94,7 +94,7 @@ def test_a_rival_4_5_times_as_likely_takes_the_place_of_the_best():
 
 
 def test_two_poses_that_are_as_likely_do_not_take_turns():
-    """No image shows the arm. After a rival has replaced the best pose, the old pose must gain twice as much to return."""
+    """No image shows the arm. After a rival has replaced the best pose, the old pose must gain more to return."""
     hidden, best = seen_body(TRUTH, BODY, change=without_arm), Registration(vague_belief(TRUTH), 1.0, True)
     low, (old,) = follow_rivals(BODY, best, (Rival(vague_belief(LOW), -1.7),), hidden, 1e-3, CONFIG)
     assert low is not best
