@@ -12,10 +12,11 @@ run, best of suite ``speed``, which runs alone.
 
 --against: also track the recordings with the code of a commit, and print the differences with 95 % intervals over the
 recordings. --without SOURCE: compare with the same code with one source of proposals switched off, instead of a commit.
---quick: measure only the selection that a developer runs before every merge that touches tracking; it takes under 20
-minutes on two idle cores. --use held-out: only for the final evaluation. --docs: measure what the measured blocks of
-the pages ask for (``blocks.py``); all changes of the program must be committed, and a suite that was measured with this
-commit is not measured again.
+--rows TEXT: measure only the rows whose name contains the text, for example --rows people. --quick: measure only the
+selection that a developer runs before every merge that touches tracking; it takes under 20 minutes on two idle cores.
+--use held-out: only for the final evaluation. --docs: measure what the measured blocks of the pages ask for
+(``blocks.py``); all changes of the program must be committed, and a suite that was measured with this commit is not
+measured again.
 """
 
 from __future__ import annotations
@@ -53,13 +54,16 @@ QUICK_SUITES: Final = ("easy", "hard", "bodies", "rooms", "starts", "real", "con
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Settings that all jobs of a run share. again: track even if results are kept, to measure the time."""
+    """Settings that all jobs of a run share. again: track even if results are kept, to measure the time; rows: a text
+    in the names of the rows to measure, empty for all rows.
+    """
 
     use: Use
     quick: bool
     cache: Path
     versions: tuple[Version, ...]
     again: bool = False
+    rows: str = ""
 
 
 def measure(suite: str, index: int, plan: Plan) -> list[list[tuple[str, dict[str, float]]]]:
@@ -111,22 +115,25 @@ def run_suite(suite: str, plan: Plan, processes: int) -> list[Rows]:
     in the same order for all versions.
     """
     cases = cases_of([suite], plan.use, plan.quick)[suite]
+    chosen = [index for index, case in enumerate(cases) if plan.rows in case.row]
+    if not chosen:
+        raise RuntimeError(f"{suite} has no row with {plan.rows} in its name")
     if SUITES[suite].alone:
         _compile(plan)
     found: dict[int, list[list[tuple[str, dict[str, float]]]]] = {}
     faults, began = list[str](), time.monotonic()
     with ProcessPoolExecutor(1 if SUITES[suite].alone else processes, mp_context=get_context("spawn")) as pool:
-        jobs = {pool.submit(measure, suite, index, plan): index for index in range(len(cases))}
+        jobs = {pool.submit(measure, suite, index, plan): index for index in chosen}
         for number, job in enumerate(as_completed(jobs), 1):
             name = cases[jobs[job]].recording.name
             if (error := job.exception()) is None:
                 found[jobs[job]] = job.result()
             else:
                 faults.append(f"{name}: {error}")
-            _say(f"{suite}: {number} of {len(cases)} after {time.monotonic() - began:.0f} s; {name}")
+            _say(f"{suite}: {number} of {len(chosen)} after {time.monotonic() - began:.0f} s; {name}")
     if faults:  # raised only now, so that the results of the other cases are kept
         raise RuntimeError(f"{suite} could not be measured: {'; '.join(faults)}")
-    return rows_of([found[index] for index in range(len(cases))], len(plan.versions))
+    return rows_of([found[index] for index in chosen], len(plan.versions))
 
 
 def _compile(plan: Plan) -> None:
@@ -181,6 +188,7 @@ def main() -> None:
         "--without", choices=[str(source) for source in Source], help="a source of proposals, to compare"
     )
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--rows", metavar="TEXT", default="", help="only the rows whose name contains TEXT")
     parser.add_argument("--use", choices=get_args(Use), default="tuning")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--cache", type=Path, default=CACHE)
@@ -201,7 +209,7 @@ def main() -> None:
     document, faults = dict[str, Any](), list[str]()
     print(f"{chosen.use} recordings{', quick' * chosen.quick}; load {os.getloadavg()[0]:.1f} at the start")
     for name in names:
-        plan = Plan(chosen.use, chosen.quick, chosen.cache, tuple(versions), again=SUITES[name].alone)
+        plan = Plan(chosen.use, chosen.quick, chosen.cache, tuple(versions), SUITES[name].alone, chosen.rows)
         try:
             by_version = run_suite(name, plan, chosen.processes)
         except RuntimeError as error:

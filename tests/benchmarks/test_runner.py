@@ -16,7 +16,7 @@ from probing import script_of
 from recordings import OneFrame, Simulated, code_of
 from remarks import REMARKS
 from room_suites import STARTS
-from run import rows_of
+from run import Plan, rows_of, run_suite
 from scores import LABELS
 from suites import SUITES, cases_of, hard_scenes
 from tracking import compile_clock
@@ -38,6 +38,11 @@ def test_every_probe_of_a_suite_exists_and_quick_takes_fewer_cases(suite):
     version = working_tree()
     scripts = {script_of(case.probe, version) for case in every if case.probe is not None}
     assert all(script.is_file() for script in scripts)
+
+
+def test_rows_that_no_suite_has_are_refused(tmp_path):
+    with pytest.raises(RuntimeError, match="real has no row with ghosts in its name"):
+        run_suite("real", Plan("tuning", False, tmp_path, (), rows="ghosts"), 1)
 
 
 @pytest.mark.parametrize("suite", sorted(SUITES.keys() - {"real", "speed", "sync"}))
