@@ -38,7 +38,6 @@ STRIP_M: Final = 0.15
 BORDER: Final = 0.1  # share of the image's width or height; stereo cameras may read nothing in a border this wide
 # an image border cuts a person off if it touches at least this share of the person's pixel rows (or columns)
 CUT: Final = 0.5
-MOST: Final = 0.5  # minimum share of a person's skin past which a camera sees, for the person to be somewhere else
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +174,7 @@ def _is_seen_past(skin_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: 
     for pixels, camera in zip(pieces, cameras, strict=True):
         if pixels is not None and len(skin_m):
             own, read, inside = camera.look(skin_m, pixels.depth_m)
-            if (inside & (read > own + CELL_M)).mean() > MOST:
+            if np.median(np.where(inside, read - own, 0.0)) > CELL_M:
                 return True
     return False
 
