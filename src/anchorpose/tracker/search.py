@@ -13,7 +13,7 @@ from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import CELL_M, BystanderMemory, update_memory
 from anchorpose.isolation.patient_label import LAST_LABEL
-from anchorpose.isolation.people import PatientChoice, People, Person
+from anchorpose.isolation.people import PatientChoice, People, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
 from anchorpose.isolation.view import PixelLabel, View
@@ -112,10 +112,11 @@ class Search:
             self._met |= _people_in(views)
             self._newcomer = min(self.memory.next_label, LAST_LABEL)
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
-        people = see_people_apart(pieces, cameras).people
-        strangers, in_view = self._strangers(people, pieces, views)
-        axes = [one.ground_xz_m for one in strangers]
-        axes = [axis for axis in axes if self._away_m(axis) <= reach_m and not self._is_someone_hidden(axis, in_view)]
+        people = see_people(pieces, cameras)
+        axes, in_view = self._candidates(people, pieces, views, reach_m)
+        if axes:  # the descriptor may take a piece of a bystander for a new person; bodies show this, but take longer
+            people = see_people_apart(pieces, cameras).people
+            axes, in_view = self._candidates(people, pieces, views, reach_m)
         if not axes:
             return NoStart.NOBODY_NEW if people.people else NoStart.NOBODY_THERE
         nearest = min(axes, key=self._away_m)
@@ -145,10 +146,11 @@ class Search:
         """
         return None if self._left else self._belief.later(self._belief.pose, abs(time_s - self._lost_s))
 
-    def _strangers(
-        self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None]
-    ) -> tuple[list[Person], frozenset[int]]:
-        """Return the people who are not bystanders seen before, and the labels of the bystanders who are in view.
+    def _candidates(
+        self, people: People, pieces: Sequence[Pieces | None], views: Sequence[View | None], reach_m: float
+    ) -> tuple[list[np.ndarray], frozenset[int]]:
+        """Return the places (2,) of the people who may be the patient, since they are no bystanders seen before and
+        stand within ``reach_m`` of the patient's last place; and the labels of the bystanders who are in view.
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
         Labels may spread from one person to another who touches them, but the learnt descriptor still finds two people.
@@ -163,8 +165,10 @@ class Search:
                 np.add.at(shared, (own[own >= 0], labels[own >= 0]), 1)
         who, label = linear_sum_assignment(-shared[:, known])
         taken = {int(k) for k, n in zip(who, label, strict=True) if shared[k, known[n]] > 0}
-        strangers = [person for k, person in enumerate(people.people) if k not in taken]
-        return strangers, frozenset(shared.argmax(axis=1).tolist())
+        in_view = frozenset(shared.argmax(axis=1).tolist())
+        axes = [person.ground_xz_m for k, person in enumerate(people.people) if k not in taken]
+        near = [axis for axis in axes if self._away_m(axis) <= reach_m]
+        return [axis for axis in near if not self._is_someone_hidden(axis, in_view)], in_view
 
 
 def _is_seen_past(skin_m: np.ndarray, pieces: Sequence[Pieces | None], cameras: Sequence[Camera]) -> bool:
