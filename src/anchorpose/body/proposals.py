@@ -1,8 +1,8 @@
 """Propose other poses for a pose in doubt (a pose that may be wrong), from each source independently.
 
 The images determine the places of the proposed limbs, except for hidden limbs, which get a usual posture. The trunk is
-taken from the pose in doubt, but the descriptor
-also proposes other poses of the trunk, and one proposal turns the body round.
+taken from the pose in doubt, but the descriptor also proposes other poses of the trunk, and one proposal turns the body
+round.
 """
 
 from __future__ import annotations

@@ -154,8 +154,8 @@ class Search:
 
         Each bystander is matched with at most one of the people: the person with most pixels of the bystander's label.
         Labels may spread from one person to another who touches them, but the learnt descriptor still finds two people.
-        A bystander is in view if most pixels of a person have the bystander's label: a few pixels with this label may
-        be left on another person.
+        A bystander is in view if the bystander's label is the most frequent label of a person's pixels: a few pixels
+        with this label may be left on another person.
         """
         known = sorted(label for label in self._met if label < self._newcomer)
         shared = np.zeros((len(people.people), 256), np.int64)
