@@ -1,12 +1,20 @@
 """The person label of every pixel: decisions against brute force, growth up to creases, people who touch and cross."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from room_builder import FRONT, ROOM, body, built_scene, in_front, picture, pillar
 
-from anchorpose.isolation.bystander_memory import MEMORY_S, empty_memory, update_memory
+from anchorpose.isolation.bystander_memory import (
+    BACKWARD_LABELS,
+    FORWARD_LABELS,
+    MEMORY_S,
+    BystanderMemory,
+    empty_memory,
+    update_memory,
+)
 from anchorpose.isolation.ownership import CELL_M, SAMPLING_M, OwnershipLikelihood, decide_ownership, sort_likelihood
 from anchorpose.isolation.people import PatientChoice, see_people
 from anchorpose.isolation.region_growing import grow_regions, smooth_contact_m
@@ -167,6 +175,34 @@ def test_new_people_get_different_labels_in_the_forward_and_the_backward_pass():
     forth, back = (separate(pieces, memory, None, way * A_FRAME_S, CAMERAS)[0].labels[newcomer] for way in (1, -1))
     assert not set(forth[forth >= OTHER].tolist()) & set(back[back >= OTHER].tolist())
     assert (back > OTHER + 1).mean() > 0.95
+
+
+def remembering(owners: list[int], next_label: int) -> BystanderMemory:
+    """A memory of one point on each of some people."""
+    count = len(owners)
+    return BystanderMemory(np.zeros((count, 3)), np.array(owners, np.uint8), np.zeros(count, np.float32), next_label)
+
+
+def three_people(labels: list[int]):
+    """Pieces and views of a camera that sees one pixel of each of three people, as far as the memory asks for them."""
+    depth_m, at = np.zeros((FRONT.height, FRONT.width), np.float32), np.array([0, 3, 6])
+    index, label = np.full(depth_m.shape, -1), np.zeros(depth_m.shape, np.uint8)
+    index[0, at], label[0, at] = np.arange(3), labels
+    points_m = np.eye(3, dtype=np.float32)
+    return [SimpleNamespace(index=index, row=0 * at, column=at, points_m=points_m, depth_m=depth_m)], [
+        View(depth_m, label)
+    ]
+
+
+@pytest.mark.parametrize(("labels", "way"), [(FORWARD_LABELS, 1), (BACKWARD_LABELS, -1)])
+def test_an_hour_of_people_who_come_and_go_has_labels_for_all_of_them(labels, way):
+    """A helper with the first label stays all the time, so nobody else gets this label."""
+    memory, given = remembering([PATIENT, labels[0]], labels[1]), []
+    for _ in range(600):
+        given.append(int(memory.free_labels(way * A_FRAME_S)[0]))
+        memory = update_memory(memory, *three_people([PATIENT, labels[0], given[-1]]), [FRONT], way * A_FRAME_S)
+    assert set(given) == set(labels[1:])
+    assert all(one not in given[k + 1 : k + len(labels) - 1] for k, one in enumerate(given))
 
 
 def test_hidden_skin_is_remembered_and_forgotten_in_time():

@@ -29,7 +29,8 @@ def labelled(parts, skin_m, due: bool, place_xz_m=HERE, named=PATIENT) -> np.nda
     pieces = pieces_of(*parts)
     labels = pieces.labels.copy()
     labels[pieces.row, pieces.column] = named
-    (view,) = one_patient([pieces], [View(pieces.depth_m, labels)], [FRONT], skin_m, place_xz_m, FREE, due)
+    free = np.arange(FREE, 255, dtype=np.uint8)
+    (view,) = one_patient([pieces], [View(pieces.depth_m, labels)], [FRONT], skin_m, place_xz_m, free, due)
     assert view is not None
     return view.labels
 
@@ -90,4 +91,4 @@ def test_one_person_is_never_divided_and_others_keep_their_labels():
 
 
 def test_a_camera_without_a_frame_stays_without_a_view():
-    assert one_patient([None], [None], [FRONT], NOWHERE, HERE, FREE, True) == (None,)
+    assert one_patient([None], [None], [FRONT], NOWHERE, HERE, np.zeros(0, np.uint8), True) == (None,)

@@ -206,20 +206,23 @@ def test_a_movement_costs_its_square_and_then_its_length():
     assert cost(0.2) == pytest.approx(PARTS * cost(0.2, OF_TRUNK))
 
 
+FREE = np.arange(20, 255, dtype=np.uint8)
+
+
 def test_a_bystander_whose_limbs_are_misplaced_keeps_the_label():
     expected = ExpectedJoints(np.zeros((JOINT_COUNT, 3)), 0.1)
     misplaced = np.where(LIMB_OF_JOINTS[:, None] == TRUNK, 0.0, 1.0) * np.ones(3)
-    np.testing.assert_array_equal(scene_hypotheses._names([misplaced], {6: expected}, 20), [6])
+    np.testing.assert_array_equal(scene_hypotheses._names([misplaced], {6: expected}, FREE), [6])
 
 
 def test_each_person_gets_the_label_whose_way_costs_least_and_a_stranger_gets_a_new_one():
     at = [np.tile([0.0, 1.0, z], (JOINT_COUNT, 1)) for z in (0.0, 1.0, 5.0)]
     known = {7: ExpectedJoints(at[1], 0.1), 5: ExpectedJoints(at[0], 0.1)}
     found = [at[0] + 0.02, at[1] + 0.02, at[2]]
-    np.testing.assert_array_equal(scene_hypotheses._names(found, known, 20), [5, 7, 22])
+    np.testing.assert_array_equal(scene_hypotheses._names(found, known, FREE), [5, 7, 22])
     assert known[5].cost(at[2], OF_TRUNK) > STRANGE
-    np.testing.assert_array_equal(scene_hypotheses._names([at[2]], known, 20), [20])
-    np.testing.assert_array_equal(scene_hypotheses._names([None], {}, 20), [20])
+    np.testing.assert_array_equal(scene_hypotheses._names([at[2]], known, FREE), [20])
+    np.testing.assert_array_equal(scene_hypotheses._names([None], {}, FREE), [20])
 
 
 def test_two_people_who_are_as_likely_leave_the_patient_hidden(before, monkeypatch):

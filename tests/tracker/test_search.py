@@ -10,8 +10,7 @@ from body_builder import standing
 from room_builder import FRONT, ROOM, body, built_scene, picture
 
 from anchorpose.body.belief import vague_belief
-from anchorpose.isolation.bystander_memory import empty_memory, update_memory
-from anchorpose.isolation.patient_label import LAST_LABEL
+from anchorpose.isolation.bystander_memory import FORWARD_LABELS, empty_memory, update_memory
 from anchorpose.isolation.people import PatientChoice, see_people
 from anchorpose.isolation.scene import find_pieces
 from anchorpose.isolation.separation import separate_initial
@@ -83,13 +82,16 @@ def test_a_search_with_which_a_pass_back_begins_is_stored_and_read():
     assert looked(found, (THERAPIST,), first=LATER) == [NoStart.NOBODY_NEW]
 
 
-def test_the_last_label_stands_for_several_people_so_its_bearer_may_be_him():
+def test_who_was_beside_him_is_known_although_newcomers_get_the_first_labels_again():
+    """The therapist has the last label of all, so whoever comes next gets the first label, which is a lower one."""
     before = seen(body(0.0, 0.0), THERAPIST)
-    memory = replace(before.memory, owner=np.full_like(before.memory.owner, LAST_LABEL))
-    before = SimpleNamespace(memory=replace(memory, next_label=LAST_LABEL + 1), frame_set=before.frame_set)
-    met = frozenset({LAST_LABEL})
-    search = Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), met), left=False)
-    assert isinstance(looked(search, (body(0.0, 0.0), THERAPIST), first=LATER)[0], PatientChoice)
+    last = FORWARD_LABELS[-1]
+    memory = replace(before.memory, owner=np.full_like(before.memory.owner, last), next_label=FORWARD_LABELS[0])
+    before = SimpleNamespace(memory=memory, frame_set=before.frame_set)
+    search = Search(before, LastSeen(before, vague_belief(standing((0.0, 0.9, 0.0))), frozenset({last})), left=False)
+    found = looked(search, (THERAPIST,), (THERAPIST, body(0.0, 0.0)), first=LATER)
+    assert found[0] is NoStart.NOBODY_NEW
+    assert found[1].ground_xz_m == pytest.approx([0.0, 0.0], abs=PELVIS_M)
 
 
 def test_nobody_is_found_in_an_empty_room():

@@ -30,6 +30,10 @@ SIGMA_M: Final = 0.012
 # Walking people move faster than ``SPEED_M_S``; their pixels are found by region growing (pixels take the label of
 # connected pixels).
 SPEED_M_S: Final = 0.30
+# labels of people who are first seen in a pass forward in time, and in a pass backward. The labels of a range are given
+# one after another; then the range begins again, since one hour of a busy clinic has more people who come and go
+FORWARD_LABELS: Final = range(PixelLabel.OTHER_PERSON, 128)
+BACKWARD_LABELS: Final = range(128, 255)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +43,7 @@ class BystanderMemory:
     points_m: np.ndarray  # (n, 3) float32, points on the skin, metres in the world frame
     owner: np.ndarray  # (n,) uint8, label of the person to whom each point belongs
     age_s: np.ndarray  # (n,) float32, time since the point was last seen
-    next_label: int  # label that the next person to appear will get
+    next_label: int  # label that the next person to appear will get, if nobody in the memory has it
 
     @property
     def without_patient(self) -> BystanderMemory:
@@ -77,6 +81,24 @@ class BystanderMemory:
             points[(self.owner == label) & (self.age_s == 0.0)] += step.astype(np.float32)
         return replace(self, points_m=points)
 
+    def free_labels(self, elapsed_s: float) -> np.ndarray:
+        """Return labels (k,) uint8 for new people, in the order in which they are given; no label of a person in the
+        memory is among the first.
+
+        elapsed_s: time since the remembered frame; negative in a backward pass, in which new people get labels from
+        another range.
+        """
+        labels = BACKWARD_LABELS if elapsed_s < 0.0 or self.next_label in BACKWARD_LABELS else FORWARD_LABELS
+        in_turn = np.roll(np.array(labels, np.uint8), labels.start - max(self.next_label, labels.start))
+        return in_turn[np.argsort(np.isin(in_turn, self.owner), kind="stable")]
+
+    def given_since(self, label: int) -> frozenset[int]:
+        """Return the labels given to new people since ``label`` was the label for the next person."""
+        labels = _range_of(self.next_label)
+        first, count = labels.index(label) if label in labels else 0, len(labels)
+        given = (labels.index(self.next_label) - first) % count
+        return frozenset(labels[(first + k) % count] for k in range(given))
+
     def likelihood(self, elapsed_s: float, doubt_m: float = 0.0) -> OwnershipLikelihood:
         """Predict the remembered skin ``elapsed_s`` after the last frame. A point's uncertainty grows with the time
         since the point was seen.
@@ -108,8 +130,26 @@ def memory_of(pieces: Sequence[Pieces | None], views: Sequence[View | None]) -> 
         points.append(pixels.points_m[chosen[person]])
         owners.append(owner[person])
     points_m, owner = np.concatenate(points), np.concatenate(owners)
-    next_label = max(int(PixelLabel.OTHER_PERSON), int(owner.max(initial=0)) + 1)
+    next_label = _next_label(FORWARD_LABELS.start, owner)
     return BystanderMemory(points_m, owner, np.zeros(len(owner), np.float32), next_label)
+
+
+def _range_of(label: int) -> range:
+    return BACKWARD_LABELS if label in BACKWARD_LABELS else FORWARD_LABELS
+
+
+def _next_label(before: int, owner: np.ndarray) -> int:
+    """Return the label for the next new person. before: this label before the labels ``owner`` were given. A label
+    less than half a range after ``before`` was given to a new person, all other labels to people seen earlier.
+    """
+    following = before
+    for label in np.unique(owner[owner >= FORWARD_LABELS.start]).tolist():
+        labels = _range_of(label)
+        if following not in labels and labels is BACKWARD_LABELS:
+            following = labels.start
+        if following in labels and (label - following) % len(labels) < len(labels) // 2:
+            following = labels[(label + 1 - labels.start) % len(labels)]
+    return following
 
 
 def update_memory(
@@ -130,7 +170,7 @@ def update_memory(
         np.concatenate([now.points_m, kept.points_m]),
         np.concatenate([now.owner, kept.owner]),
         np.concatenate([now.age_s, kept.age_s]),
-        max(before.next_label, now.next_label),
+        _next_label(before.next_label, now.owner[~np.isin(now.owner, before.owner)]),
     )
 
 

@@ -65,7 +65,6 @@ def _without_strays(pixels: Pieces, owner: np.ndarray) -> np.ndarray:
 PART_CONTACT_M: Final = 0.05
 # m; pixels this near to a point of predicted skin count as on the skin, to allow for spacing, clothes and movement
 ON_SKIN_M: Final = 0.05
-LAST_LABEL: Final = 254  # the largest label that a person can get
 
 
 def without_parts(shown: Sequence[Pieces], owners: list[np.ndarray], expected: OwnershipLikelihood) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from anchorpose.camera import Camera
-from anchorpose.isolation.bystander_memory import BystanderMemory
+from anchorpose.isolation.bystander_memory import FORWARD_LABELS, BystanderMemory
 from anchorpose.isolation.ownership import (
     NOBODY,
     LikelihoodGrid,
@@ -21,7 +21,7 @@ from anchorpose.isolation.ownership import (
     join_likelihoods,
     sort_likelihood,
 )
-from anchorpose.isolation.patient_label import LAST_LABEL, ON_SKIN_M, sampled, without_parts, without_strays
+from anchorpose.isolation.patient_label import ON_SKIN_M, sampled, without_parts, without_strays
 from anchorpose.isolation.people import PERSON_AREA_M2, PatientChoice, People, see_people
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import SMALLEST_PIECE_M2, Pieces
@@ -36,8 +36,6 @@ DETACHED_M: Final = 0.12
 # m, added in quadrature to the standard deviation of remembered skin of people without a fitted body, so that this skin
 # does not win against skin predicted from a body
 UNSUPPORTED_SIGMA_M: Final = 0.04
-# first label of people who are first seen in the backward pass (tracking against the order of time)
-FIRST_EARLIER_LABEL: Final = 128
 
 
 def separate_initial(pieces: Sequence[Pieces | None], people: People, choice: PatientChoice) -> tuple[View | None, ...]:
@@ -61,7 +59,7 @@ def label_people(pieces: Sequence[Pieces | None], people: People, order: np.ndar
     join the person to whom they are connected, up to the creases between touching people.
     """
     label = np.full(len(people.people) + 1, NOBODY, np.uint8)  # the last entry stands for nobody
-    label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), LAST_LABEL)
+    label[order] = np.minimum(PixelLabel.PATIENT + np.arange(len(order)), FORWARD_LABELS.stop - 1)
     shown, persons = [pixels for pixels in pieces if pixels is not None], [of for of in people.of if of is not None]
     seeds = [label[of] for of in persons]
     return _views(pieces, _with_detached(shown, _grown(shown, seeds)))
@@ -91,16 +89,9 @@ def separate(
     grid = sort_likelihood(likelihood) if len(likelihood) else None
     decided = each(lambda pixels: _decided(pixels, grid), shown)
     owners = without_strays(shown, _with_detached(shown, _grown(shown, decided)))
-    owners = _with_newcomers(shown, of_shown, owners, first_free(memory, elapsed_s), memory)
+    owners = _with_newcomers(shown, of_shown, owners, memory.free_labels(elapsed_s), memory)
     owners = owners if expected is None else without_parts(shown, owners, expected)
     return _views(pieces, owners)
-
-
-def first_free(memory: BystanderMemory, elapsed_s: float) -> int:
-    """Return the label for the next new person. elapsed_s: time since the frame that is remembered; negative in the
-    backward pass.
-    """
-    return memory.next_label if elapsed_s >= 0 else max(memory.next_label, FIRST_EARLIER_LABEL)
 
 
 def _decided(pixels: Pieces, grid: LikelihoodGrid | None) -> np.ndarray:
@@ -160,31 +151,32 @@ def _with_newcomers(
     shown: Sequence[Pieces],
     cameras: Sequence[Camera],
     owners: list[np.ndarray],
-    next_label: int,
+    free: np.ndarray,
     memory: BystanderMemory,
 ) -> list[np.ndarray]:
     """Give newcomers a label; return the owners (n,) of each camera's foreground pixels. A newcomer is a person that
-    the descriptor finds at pixels of which most have no owner. The label is new. But if most of these pixels lie where
-    the patient was seen last, the patient's predicted place was wrong, and the newcomer gets the patient's label.
+    the descriptor finds at pixels of which most have no owner. The label is new (``free`` has labels for newcomers, in
+    the order in which they are given). But if most of these pixels lie where the patient was seen last, the patient's
+    predicted place was wrong, and the newcomer gets the patient's label.
     """
-    free = [owner == NOBODY for owner in owners]
-    if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, free, strict=True)) < PERSON_AREA_M2:
+    bare = [owner == NOBODY for owner in owners]
+    if sum(float(pixels.area_m2[own].sum()) for pixels, own in zip(shown, bare, strict=True)) < PERSON_AREA_M2:
         return owners
     people = see_people(shown, cameras)
     of_pixels = [of for of in people.of if of is not None]
     count = len(people.people) + 1  # the last entry stands for nobody
     free_m2, all_m2 = np.zeros(count), np.zeros(count)
-    for pixels, own, of in zip(shown, free, of_pixels, strict=True):
+    for pixels, own, of in zip(shown, bare, of_pixels, strict=True):
         all_m2 += np.bincount(of % count, pixels.area_m2, count)
         free_m2 += np.bincount(of[own] % count, pixels.area_m2[own], count)
     new = np.flatnonzero((free_m2[:-1] > PERSON_AREA_M2) & (free_m2[:-1] > all_m2[:-1] / 2.0))
     if not len(new):
         return owners
     label = np.full(count, NOBODY, np.uint8)
-    first_seen = np.minimum(next_label + np.arange(len(new)), LAST_LABEL)
-    label[new] = np.where(_where_patient_was(shown, of_pixels, free, memory)[new], PixelLabel.PATIENT, first_seen)
+    was_patient = _where_patient_was(shown, of_pixels, bare, memory)[new]
+    label[new] = np.where(was_patient, np.uint8(PixelLabel.PATIENT), free[: len(new)])
     return _grown(
-        shown, [np.where(own, label[of], owner) for own, of, owner in zip(free, of_pixels, owners, strict=True)]
+        shown, [np.where(own, label[of], owner) for own, of, owner in zip(bare, of_pixels, owners, strict=True)]
     )
 
 

@@ -22,7 +22,7 @@ from anchorpose.isolation.hidden_limbs import HiddenSkin, label_hidden_limbs
 from anchorpose.isolation.ownership import OwnershipLikelihood, join_likelihoods
 from anchorpose.isolation.people import PatientChoice
 from anchorpose.isolation.scene import Pieces, find_all_pieces
-from anchorpose.isolation.separation import by_distance, first_free, label_people, separate
+from anchorpose.isolation.separation import by_distance, label_people, separate
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.recording.recording import FrameSet
 from anchorpose.rotations import FORWARD, UP
@@ -178,7 +178,7 @@ def _separated(
         mine, hidden = patient_likelihood(expected, elapsed_s)
         views = separate(pieces, memory, join_likelihoods([others, mine]), elapsed_s, run.room.cameras)
         views = label_hidden_limbs(pieces, views, hidden)
-        place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], first_free(memory, elapsed_s)
+        place_xz_m, free = expected.skin.points_m.mean(axis=0)[[0, 2]], memory.free_labels(elapsed_s)
         return one_patient(pieces, views, run.room.cameras, mine.points_m, place_xz_m, free, due)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from anchorpose.camera import Camera
 from anchorpose.descriptor.people import APART_M, LEAST_AREA_M2
 from anchorpose.isolation.ownership import NOBODY
-from anchorpose.isolation.patient_label import LAST_LABEL, ON_SKIN_M, sampled
+from anchorpose.isolation.patient_label import ON_SKIN_M, sampled
 from anchorpose.isolation.people import PERSON_AREA_M2, People, see_people
 from anchorpose.isolation.region_growing import grow_regions
 from anchorpose.isolation.scene import Pieces
@@ -36,7 +36,7 @@ def one_patient(
     cameras: Sequence[Camera],
     skin_m: np.ndarray,
     place_xz_m: np.ndarray,
-    free: int,
+    free: np.ndarray,
     due: bool,
 ) -> tuple[View | None, ...]:
     """Return the views after separating other people whose pixels have the patient's label.
@@ -47,8 +47,8 @@ def one_patient(
     (``see_people_apart``). The patient is the person with most surface near the predicted place. Every other person who
     shows enough surface gets a new label. A person of smaller surface gets a new label only if many of the patient's
     pixels, and most of this person's pixels, lie off the predicted skin. skin_m (s, 3): the patient's predicted skin
-    without uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: the lowest unused
-    label.
+    without uncertain points; place_xz_m (2,): the patient's predicted place over the ground; free: labels for new
+    people, in the order in which they are given.
     """
     theirs = [_patient_pixels(pixels, view) for pixels, view in zip(pieces, views, strict=True)]
     skin = cKDTree(skin_m) if len(skin_m) else None
@@ -63,9 +63,9 @@ def one_patient(
     others[_nearest(people, place_xz_m)] = False
     if not others.any():
         return tuple(views)
-    first = max([free, *(int(view.labels.max()) + 1 for view in views if view is not None)])
+    used = np.concatenate([np.unique(view.labels) for view in views if view is not None])
     label = np.full(len(others) + 1, PixelLabel.PATIENT, np.int64)
-    label[:-1][others] = np.minimum(first + np.arange(others.sum()), LAST_LABEL)
+    label[:-1][others] = free[~np.isin(free, used)][: others.sum()]
     label[-1] = NOBODY
     return tuple(
         view if pixels is None or view is None or of is None else _split(pixels, view, label[of])

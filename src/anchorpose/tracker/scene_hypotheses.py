@@ -26,9 +26,7 @@ from anchorpose.body.registration import Registration, descend, posterior
 from anchorpose.body.rivals import DECIDED, LEAST_GAIN, believed
 from anchorpose.body.skin_points import Body, body_points
 from anchorpose.isolation.bystander_memory import update_memory
-from anchorpose.isolation.patient_label import LAST_LABEL
 from anchorpose.isolation.people import PatientChoice
-from anchorpose.isolation.separation import first_free
 from anchorpose.isolation.view import PixelLabel, View
 from anchorpose.joints import JOINT_COUNT
 from anchorpose.tracker.bystanders import (
@@ -240,7 +238,7 @@ def _hidden(of: SceneHypothesis, known: KnownPeople) -> SceneHypothesis:
     """
     at = known.body.joints(of.registration.belief.pose)
     away = {label: one for label, one in known.bystanders.items() if label not in of.joints_m}
-    label = int(_names([at], away, first_free(of.seen.memory, known.elapsed_s))[0])
+    label = int(_names([at], away, of.seen.memory.free_labels(known.elapsed_s))[0])
     renamed = np.arange(256, dtype=np.uint8)
     renamed[PixelLabel.PATIENT] = label
     seen = _observed(of.seen, _renamed(of.seen.evidence.views, renamed), known)
@@ -273,18 +271,18 @@ def _known_labels(isolated: Isolated, now: Observation, known: KnownPeople) -> n
     this person's place, or a new label.
     """
     renamed = np.arange(256, dtype=np.uint8)
-    shown, free = labels_of(isolated.views), first_free(now.memory, known.elapsed_s)
+    shown, free = labels_of(isolated.views), now.memory.free_labels(known.elapsed_s)
     joints_m = {one.label: one.body.joints(one.belief.pose) for one in isolated.bystanders.followed}
     renamed[shown] = _names([joints_m.get(label) for label in shown], known.bystanders, free)
     return renamed
 
 
-def _names(found: Sequence[np.ndarray | None], expected: Mapping[int, ExpectedJoints], free: int) -> np.ndarray:
+def _names(found: Sequence[np.ndarray | None], expected: Mapping[int, ExpectedJoints], free: np.ndarray) -> np.ndarray:
     """Return the label (n,) uint8 of each person found. Bystanders are assigned to people so that the total cost of
-    movement is least; a person whose movement would cost ``STRANGE`` (the maximum cost) gets a new label, from ``free``
-    on. found: each person's joints (21, 3), None without a body.
+    movement is least; a person whose movement would cost ``STRANGE`` (the maximum cost) gets a new label, one of
+    ``free``. found: each person's joints (21, 3), None without a body.
     """
-    labels = np.minimum(free + np.arange(len(found)), LAST_LABEL).astype(np.uint8)
+    labels = free[: len(found)].copy()
     costs = np.array([[_came(one, joints_m) for one in expected.values()] for joints_m in found])
     if costs.size:
         for person, number in zip(*linear_sum_assignment(costs), strict=True):

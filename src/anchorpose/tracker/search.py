@@ -12,7 +12,6 @@ from scipy.optimize import linear_sum_assignment
 from anchorpose.body.belief import PoseBelief
 from anchorpose.camera import Camera
 from anchorpose.isolation.bystander_memory import CELL_M, BystanderMemory, update_memory
-from anchorpose.isolation.patient_label import LAST_LABEL
 from anchorpose.isolation.people import PatientChoice, People, see_people
 from anchorpose.isolation.scene import Pieces, find_all_pieces
 from anchorpose.isolation.separation import separate
@@ -86,9 +85,8 @@ class Search:
         self.memory, self._time_s = now.memory.without_patient.since(FORGET_S), now.frame_set.time_s
         self._belief, self._lost_s = last.belief, last.seen.frame_set.time_s
         self._place_xz_m = last.belief.pose.root_m[[0, 2]]
-        # people who came after the patient was last seen have this label or a higher label; the last possible label may
-        # stand for several people
-        self._newcomer = min(last.seen.memory.next_label, LAST_LABEL)
+        # people who came after the patient was last seen have this label, or a label that was given later
+        self._newcomer = last.seen.memory.next_label
         self._met, self._places, self._left = last.met, last.places, left
         self._skin_m = last.seen.memory.seen_last.get(PixelLabel.PATIENT, np.zeros((0, 3), np.float32))
         self._moved = False
@@ -110,7 +108,7 @@ class Search:
         self._moved |= _is_seen_past(self._skin_m, pieces, cameras)
         if self._left and abs(frame_set.time_s - self._lost_s) < RETURN_S:
             self._met |= _people_in(views)
-            self._newcomer = min(self.memory.next_label, LAST_LABEL)
+            self._newcomer = self.memory.next_label
         reach_m = NEAR_M + WALK_M_S * abs(frame_set.time_s - self._lost_s)
         people = see_people(pieces, cameras)
         axes, in_view = self._candidates(people, pieces, views, reach_m)
@@ -157,7 +155,7 @@ class Search:
         A bystander is in view if the bystander's label is the most frequent label of a person's pixels: a few pixels
         with this label may be left on another person.
         """
-        known = sorted(label for label in self._met if label < self._newcomer)
+        known = sorted(self._met - self.memory.given_since(self._newcomer))
         shared = np.zeros((len(people.people), 256), np.int64)
         for piece, own, view in zip(pieces, people.of, views, strict=True):
             if piece is not None and own is not None and view is not None:
