@@ -133,6 +133,7 @@ def test_evaluate_prints_the_figures_and_writes_them(tmp_path, capsys):
         (["evaluate", "out", "--labels", "l.csv", "--skip-s", "2"], "--skip-s belongs to --truth; leave it out"),
         (["evaluate", "out", "--truth", "t.npz", "-o", "a"], "--output belongs to --reference; leave it out"),
         (["evaluate", "out", "--truth", "t.npz", "--overwrite"], "--overwrite belongs to --reference; leave it out"),
+        (["evaluate", "out", "--reference", "a.trc", "--overwrite"], "--overwrite belongs to --output; leave it out"),
         (["evaluate", "out", "--labels", "l.csv", "--subject", "a"], "--subject belongs to --reference; leave it out"),
         (["evaluate", "out", "--truth", "t.npz", "--hip", "functional"], "--hip belongs to --reference; leave it out"),
         (

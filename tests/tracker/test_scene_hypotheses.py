@@ -158,7 +158,9 @@ def test_a_bystander_who_was_in_view_without_a_body_is_no_stranger(before):
     seen = replace(before.seen, bystanders=Bystanders())
     without = replace(before, seen=seen)
     assert without.came_and_went({helper_of(before): None}) == 0.0
-    assert without.came_and_went({99: None}) == STRANGE
+    assert without.came_and_went({99: None}) == 0.0  # the same person, under a new label
+    assert without.came_and_went({helper_of(before): None, 99: None}) == STRANGE
+    assert before.came_and_went({helper_of(before): None}) == STRANGE  # a body was expected and does not fit
 
 
 def test_a_bystander_who_disappears_is_strange(before):

@@ -120,6 +120,8 @@ def _with_reference(results: tuple[Path, ...], options: ReferenceOptions, readin
     from anchorpose.recording.writable import check_place
     from anchorpose.results.folder import check_results_path
 
+    if options.overwrite and options.output is None:
+        raise AnchorposeError("--overwrite belongs to --output; leave it out, or add --output FOLDER.")
     if options.output is not None:
         check_place(options.output, *results, *(options.reference or []))
         check_results_path(options.output, None, options.overwrite, COMPARISON)

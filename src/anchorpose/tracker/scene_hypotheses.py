@@ -161,11 +161,11 @@ class KnownPeople:
         """Return the cost, in nats, of the bystanders' movements. joints_m: the joints (21, 3) of each bystander in
         view, by label; None without a body.
         """
-        expected, shown = self.bystanders, self.seen.memory.seen_last.keys()
-        came = {label: _came(expected.get(label), at) for label, at in joints_m.items()}
-        # a bystander who was in view before, but without a fitted body, may be anywhere, so the movement costs nothing
-        new = sum(cost for label, cost in came.items() if label in expected or label not in shown)
-        return new + STRANGE * len(self.in_view - joints_m.keys())
+        expected, shown = self.bystanders, self.seen.memory.without_patient.seen_last.keys()
+        moved = sum(_came(one, joints_m[label]) for label, one in expected.items() if label in joints_m)
+        # a bystander who was in view before, but without a fitted body, may be anywhere now, and have a new label
+        came = max(0, len(joints_m.keys() - expected.keys()) - len(shown - expected.keys()))
+        return moved + STRANGE * (came + len(self.in_view - joints_m.keys()))
 
 
 def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
@@ -176,11 +176,9 @@ def _sigma_m(elapsed_s: float, hidden_s: float) -> float:
     return SKIN_SIGMA_M + GROWTH_M_S * abs(elapsed_s) + UNFITTED_M_S * hidden_s
 
 
-def _came(expected: ExpectedJoints | None, joints_m: np.ndarray | None) -> float:
-    """Return the cost, in nats, of a bystander's movement to the joints (21, 3). expected: None if the bystander was
-    not seen before.
-    """
-    return STRANGE if expected is None or joints_m is None else min(STRANGE, expected.cost(joints_m, OF_TRUNK))
+def _came(expected: ExpectedJoints, joints_m: np.ndarray | None) -> float:
+    """Return the cost, in nats, of a bystander's movement to the joints (21, 3), None without a body."""
+    return STRANGE if joints_m is None else min(STRANGE, expected.cost(joints_m, OF_TRUNK))
 
 
 def likeliest_scene(now: Observation, found: Registration, known: KnownPeople) -> SceneHypothesis:

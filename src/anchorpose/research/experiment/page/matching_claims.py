@@ -176,10 +176,12 @@ class MatchingClaims:
         )
 
     def dijkstra_suffices(self) -> Claim:
-        """Judge the claim of Sections III and V that shortest paths along the mesh's edges are accurate enough."""
+        """Judge whether shortest paths along the mesh's edges are accurate enough; the paper does not say how it computes
+        distances.
+        """
         return Claim(
             "dijkstra-suffices",
-            "Section III and V",
+            "this project’s own question",
             "Shortest paths along the mesh’s edges (Dijkstra) are accurate enough for the feature.",
             f"Mean error of the matches, and of the joints, at most {CONSTANT} times that by fast marching.",
             tuple(self._against("anchors-dijkstra", PROPOSED, "Dijkstra over fast marching")),
