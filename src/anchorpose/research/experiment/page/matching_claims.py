@@ -176,8 +176,8 @@ class MatchingClaims:
         )
 
     def dijkstra_suffices(self) -> Claim:
-        """Judge whether shortest paths along the mesh's edges are accurate enough; the paper does not say how it computes
-        distances.
+        """Judge whether shortest paths along the mesh's edges are accurate enough; the paper does not say how distances
+        are computed.
         """
         return Claim(
             "dijkstra-suffices",
