@@ -123,10 +123,11 @@ def spoilt_copy(recording: Path, out: Path, spoil: Spoil, alone: bool = False) -
 
 def ask(folder: Path, clocks: Clocks) -> dict[str, float]:
     """Check the poses as ``track`` does before it looks for the patient. clocks: as found with the right poses."""
-    config, recording = TrackConfig(), open_recording(folder)
-    timed = align_clocks(recording, clocks.clocks[: len(recording.cameras)])
-    chosen, samples = sample_recording(timed, config)
-    try:
+    config = TrackConfig()
+    try:  # images of exchanged cameras may have another size, which is refused when they are read
+        recording = open_recording(folder)
+        timed = align_clocks(recording, clocks.clocks[: len(recording.cameras)])
+        chosen, samples = sample_recording(timed, config)
         calibration = calibrate(timed, samples, config)
         scenes = scenes_of(Settled(timed, clocks, calibration, tuple(chosen), tuple(samples)))
         doubts = agreeing_poses(timed, calibration, clocks, scenes, samples).doubts
