@@ -10,6 +10,7 @@ import pytest
 from body_builder import true_shape, turned_about_y
 
 from anchorpose.body.belief import vague_belief
+from anchorpose.body.inverse_kinematics import CorrectedJoints
 from anchorpose.body.pose import MOVING_BONES, POSE_SIZE, Pose
 from anchorpose.body.rivals import Rival
 from anchorpose.body.skin_points import Body, FittedShape, body_points, build_body
@@ -25,7 +26,7 @@ from anchorpose.tracker.following import FIRST_PAUSE, Follower, follow_patient
 from anchorpose.tracker.frame_record import label_pictures
 from anchorpose.tracker.patient import corrected_past
 from anchorpose.tracker.preparation import prepare_room
-from anchorpose.tracker.room import Room, Run
+from anchorpose.tracker.room import Review, Room, Run
 from anchorpose.tracker.smoothing import explain_smoothed, labelled_views, pass_result
 from anchorpose.tracker.start import Facing, NoStart, find_start, start_as_learnt
 from anchorpose.tracker.stopwatch import Stopwatch
@@ -378,3 +379,29 @@ def test_a_corrected_posture_walks_on_and_a_corrected_trunk_does_not():
     wrong_m[JOINT_INDEX["SpineBase"]] += 0.2
     assert not len(corrected_past(walk_m + wrong_m, posture_m, wrong_m))
     assert not len(corrected_past(walk_m[:1] + posture_m, posture_m, posture_m))
+
+
+class WhoIsIt:
+    """A search that takes nobody for the patient, since several people are away."""
+
+    def look(self, frame_set, run) -> NoStart:
+        return NoStart.WHO_IS_IT
+
+    def expected(self, time_s: float) -> None:
+        return None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("off_m", "found"), [(None, False), (0.1, True), (3.0, False)])
+def test_a_joint_that_a_reviewer_placed_names_the_patient_who_came_back(course, off_m, found):
+    """Nobody is named, or the patient, or a place where nobody stands."""
+    frame, wrist = RETURNS + 1, JOINT_INDEX["WristLeft"]
+    place_m = course.truth_m[frame, wrist] + [0.0, off_m or 0.0, 0.0]
+    corrected = CorrectedJoints(np.array([wrist]), place_m[None], np.array([0.05]))
+    review = Review() if off_m is None else Review(joints={frame: corrected})
+    follower = Follower(Run(replace(course.room, review=review), CONFIG), None, course.shape, search=WhoIsIt())
+    (estimate,) = follower.step(read_frame(course.room.recording, frame))
+    assert (follower.tracker is not None) == found
+    assert lost(estimate) != found
+    if found:
+        assert np.linalg.norm(estimate.joints_m - course.truth_m[frame], axis=1).mean() < 0.05

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from anchorpose.body.skin_points import FittedShape
+from anchorpose.body.inverse_kinematics import CorrectedJoints
+from anchorpose.body.skin_points import FittedShape, body_points, build_body
 from anchorpose.body.visibility import PoorDepth, too_coarse
 from anchorpose.isolation.bystander_memory import BystanderMemory, empty_memory
 from anchorpose.isolation.people import PatientChoice
@@ -15,7 +16,7 @@ from anchorpose.tracker.estimate import Estimate, nobody_found
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient import PatientTracker
 from anchorpose.tracker.room import Run
-from anchorpose.tracker.search import Search
+from anchorpose.tracker.search import NEAR_M, Search
 from anchorpose.tracker.start import NoStart, find_start
 
 # number of frames from a failed search for the patient's body to the next search. Each failed search doubles the number
@@ -124,7 +125,7 @@ class Follower:
 
     def _look(self, frame_set: FrameSet) -> Estimate:
         """Search this frame for the patient. Return the first estimate of the patient, or an estimate with all joints
-        lost.
+        lost. If a reviewer placed joints in this frame, the patient is the person at these joints.
         """
         self._wait -= 1
         if self._search is not None:
@@ -135,7 +136,10 @@ class Follower:
             else:
                 self._choice = looked
         start: Start | NoStart | None = self._begin
-        if start is None and self._choice is not None and self._wait < 0:
+        marked = self.run.room.review.corrected(frame_set.frame)
+        if start is None and marked is not None:
+            start = self._start_at(marked, frame_set)
+        elif start is None and self._choice is not None and self._wait < 0:
             expected = None if self._search is None else self._search.expected(frame_set.time_s)
             start = find_start(frame_set, self.run, self._choice, self._known, expected=expected)
         self._begin = None
@@ -148,6 +152,18 @@ class Follower:
             if start is NoStart.NO_BODY_FITS:
                 self._wait, self._pause = self._pause, min(2 * self._pause, LONGEST_PAUSE)
         return nobody_found(frame_set, self._found, poor=_poor_at(self._choice, frame_set, self.run))
+
+    def _start_at(self, marked: CorrectedJoints, frame_set: FrameSet) -> Start | NoStart:
+        """Find the person at the joints that a reviewer placed, whatever is expected; return ``NOBODY_THERE`` if the
+        nearest person is somewhere else.
+        """
+        choice = PatientChoice(marked.position_m.mean(axis=0)[[0, 2]], "was marked by a reviewer", sure=True)
+        start = find_start(frame_set, self.run, choice, self._known)
+        if isinstance(start, NoStart):
+            return start
+        joints_m = build_body(body_points(), start.shape).joints(start.belief.pose)[marked.joint]
+        away_m = float(np.linalg.norm(joints_m - marked.position_m, axis=1).mean())
+        return start if away_m <= NEAR_M else NoStart.NOBODY_THERE
 
 
 def _poor_at(choice: PatientChoice | None, frame_set: FrameSet, run: Run) -> tuple[PoorDepth, ...]:
