@@ -21,7 +21,7 @@ from anchorpose.tracker.following import Follower
 from anchorpose.tracker.journal import read_value, write_value
 from anchorpose.tracker.observation import Start
 from anchorpose.tracker.patient import PatientTracker
-from anchorpose.tracker.room import Run
+from anchorpose.tracker.room import NO_REVIEW, Run
 from anchorpose.tracker.search import WALK_M_S, LastSeen, Search, seen_as_strip
 from anchorpose.tracker.start import NoStart
 
@@ -65,7 +65,7 @@ LATER = 20  # more than a second after the patient was lost
 
 
 def test_a_pass_that_begins_with_a_search_takes_nobody_who_was_beside_him():
-    room = SimpleNamespace(**vars(ROOM_NOW), why_nobody="")
+    room = SimpleNamespace(**vars(ROOM_NOW), why_nobody="", review=NO_REVIEW)
     follower = Follower(Run(room, CONFIG), None, None, search=lost_beside(THERAPIST))
     (estimate,) = follower.step(frame(LATER, THERAPIST))
     assert estimate.why_lost == NoStart.NOBODY_NEW.value
